@@ -3,7 +3,6 @@ the inverse transform, turned, moved or scaled, and several of these at once. Wh
 leaves, and what it says.
 """
 
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -35,6 +34,8 @@ MIN_RATIO = 0.04
 _MAX_RATIO = 1.6
 #: Fewer points can fit by chance.
 _LEAST_POINTS = 100
+#: ICP from the given pose takes every so many of the points.
+_FEWER = 3
 #: The reflections that flip an axis.
 _FLIPS = [np.diag(np.where(np.arange(3) == axis, -1.0, 1.0)) for axis in range(3)]
 #: A smaller rotation, in degrees, is none that is worth a word.
@@ -125,49 +126,44 @@ def is_valid(ratio: float) -> bool:
 
 def moved_placements(
     model: TriangleDistance, points: np.ndarray, T_model_mesh: SE3, units_m: tuple[float, float]
-) -> Iterator[PlacedPoints]:
+) -> list[PlacedPoints]:
     """Points (n, 3) mirrored, moved, scaled, in other units, and several of these at once, in other
     ways than by T_model_mesh.
     """
     moved = T_model_mesh.apply(points)
     search = SimilaritySearch(model, moved)
-    flip = min(_flips(model), key=search.share)
-    yield _placed(search, search.refined(flip, with_scale=False))
-    if len(points) < _LEAST_POINTS:
-        return
+    found = []
+    is_searched = len(points) >= _LEAST_POINTS
+    if not (is_searched and LEAST_SIZE <= search.ratio <= _MAX_RATIO):
+        flip = min(_flips(model), key=search.share)
+        found += [_placed(search, one) for one in (flip, search.refined(flip))]
+    else:
+        with suppress(InputError):
+            T = icp(model, moved[::_FEWER], SE3.identity())
+            plain = _placed(search, Similarity(T.rotation, T.translation))
+            change, advice = (Change("motion", free=6),), ("try {align} icp",)
+            found.append(replace(plain, changes=change, advice=advice))
+        found += [_placed(search, one) for one in _both_hands(search, 1.0)]
     if np.abs(T_model_mesh.matrix - np.eye(4)).max() > 1e-9:
         inverse = T_model_mesh.inverse().apply(points)
         how = ("with the inverse of the given motion",)
         advice = ("try inverting it (T_model_mesh)",)
-        yield PlacedPoints(model, inverse, (Change("inverse"),), how, advice)
-    if LEAST_SIZE <= search.ratio <= _MAX_RATIO:
-        with suppress(InputError):
-            T = icp(model, moved, SE3.identity())
-            plain = _placed(search, Similarity(T.rotation, T.translation))
-            yield replace(plain, changes=(Change("motion", free=6),), advice=("try {align} icp",))
-        for found in _with_and_without_reflection(search, 1.0):
-            yield _placed(search, found)
-    for found in _with_and_without_reflection(search, None):
-        if is_drift(found.scale):
+        found.append(PlacedPoints(model, inverse, (Change("inverse"),), how, advice))
+    is_near = min(one.mean_m for one in found) <= NEAR * diagonal(moved)
+    for one in _both_hands(search, None) if is_searched and not is_near else ():
+        if is_drift(one.scale):
             continue
-        unit = unit_of_scale(found.scale, units_m)
+        unit = unit_of_scale(one.scale, units_m)
         if unit:
-            found = search.refined(search.resized(found, unit.scale), with_scale=False)
-        yield _placed(search, found, unit)
+            one = search.refined(search.resized(one, unit.scale))
+        found.append(_placed(search, one, unit))
+    return found
 
 
-def _with_and_without_reflection(
-    search: SimilaritySearch, scale: float | None
-) -> Iterator[Similarity]:
-    """The best similarities of this scale, or of any one. A model that is nearly symmetric has a
-    motion as good as a reflection: it is searched from there, too.
-    """
-    for mirrored in (False, True):
-        if (found := search.best(mirrored, scale)) is not None:
-            yield found
-    if found is not None:
-        others = [found.then(*flip) for flip in _flips(search.model)]
-        yield search.refined(min(others, key=search.share), with_scale=scale is None)
+def _both_hands(search: SimilaritySearch, scale: float | None) -> list[Similarity]:
+    """The best similarities of this scale, or of any one, without and with a reflection."""
+    found = [search.best(mirrored, scale) for mirrored in (False, True)]
+    return [one for one in found if one is not None]
 
 
 def _flips(model: TriangleDistance) -> list[Similarity]:

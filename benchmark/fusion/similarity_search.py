@@ -1,42 +1,47 @@
-"""The similarities that bring points nearest to a surface from anywhere, also mirrored: starts of
-all orientations and sizes are looked up in a field of distances, and ICP refines the nearest ones.
+"""The similarities that bring points nearest to a surface from anywhere, also mirrored: many starts
+of all orientations, places and sizes descend in a field of nearest points, of which fewer and fewer
+are kept, and ICP refines the last ones.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from iclnuim.doubt.axis_changes import changes_of_axes
-from iclnuim.evaluation.align import umeyama
 from iclnuim.geometry import so3
-from iclnuim.geometry.se3 import SE3
 from iclnuim.raycast.distance import TriangleDistance
 
 #: The part of the model that counts: from one percentile of its vertices to another, and a share
 #: of that around it. The field has so many places along an axis.
 _PERCENTILES = (1, 99)
 _AROUND = 0.25
-_PLACES = 32
-#: Rotations besides those that swap axes, so that one is within about 20 degrees of any.
-_ROTATIONS = 500
+_PLACES = 40
+#: Starts of each size: random orientations, and places within the model's extent of its middle. ICP
+#: converges from 20 degrees and a third of the extent: one start in 5000 or more.
+_STARTS = 10_000
 #: Sizes of points that are a part of the model, relative to all of it, ...
-_SIZES = (1.25, 1.12, 1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.33)
+_SIZES = np.geomspace(0.36, 1.15, 8)
 #: ... and the smallest: anything can be shrunk to a point on the model.
 LEAST_SIZE = 0.3
-#: Points that are looked up and tried, starts and the angle between them, points of the result, and
-#: rounds of each.
-_LOOKED_UP = 100
+#: Points of a start, the share of the starts that is kept in a round, and how many in the end, which
+#: descend for some more rounds.
+_START_POINTS = 30
+_KEPT = 0.5
+_LAST = 30
+_LAST_ROUNDS = 8
+_AT_ONCE = 2000
+#: Of these so many are tried that are farther apart than this share of the extent.
+_TRIED = 4
+_APART = 0.1
+#: Points of the last rounds and of the result, and rounds of ICP of each.
 _TRIED_POINTS = 300
-_STARTS = 16
-_APART_RAD = np.radians(25.0)
-_ROUNDS = 8
-_REFINED_POINTS = 1500
-_REFINED_ROUNDS = 30
-_LAST_STEP = 1e-7
-#: Inliers of ICP are within so many medians.
-_INLIERS = 3
+_TRIED_ROUNDS = 6
+_REFINED_POINTS = 1000
+_REFINED_ROUNDS = 12
+_LAST_STEP = 1e-4
+#: Points on a line determine no turn about it: this share of their spread holds it.
+_REGULAR = 1e-6
+#: Inliers in the field are within so many means of the distance.
+_INLIERS = 2
 #: Beyond this condition number the surface does not determine a similarity.
 _UNDETERMINED = 1e10
 
@@ -65,35 +70,44 @@ class Similarity(NamedTuple):
         return bool(np.linalg.det(self.matrix) < 0)
 
 
-@dataclass(frozen=True, eq=False)
-class _DistanceField:
-    """distance_m (k, k, k): distances to the surface at places `step` (3,) apart from `low` (3,) on."""
+class _Field:
+    """The points of a surface that are nearest to the places of a grid, about its centre (3,)."""
 
-    low: np.ndarray
-    step: np.ndarray
-    distance_m: np.ndarray
-
-    @classmethod
-    def of(cls, model: TriangleDistance) -> "_DistanceField":
+    def __init__(self, model: TriangleDistance) -> None:
         low, high = np.percentile(model.vertices[np.unique(model.triangles)], _PERCENTILES, axis=0)
-        around = _AROUND * np.linalg.norm(high - low)
-        low, high = low - around, high + around
-        step = (high - low) / (_PLACES - 1)
-        places = low + step * np.stack(np.meshgrid(*[np.arange(_PLACES)] * 3, indexing="ij"), -1)
-        found = model.distance(places.reshape(-1, 3)).reshape([_PLACES] * 3)
-        return cls(low, step, found)
+        self.centre = (low + high) / 2
+        self._half = (high - low) / 2 + _AROUND * np.linalg.norm(high - low)
+        grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, _PLACES)] * 3, indexing="ij"), -1)
+        near = model.nearest(self.centre + self._half * grid.reshape(-1, 3)).point_m - self.centre
+        self._nearest = near.astype(np.float32)
 
-    def at(self, points: np.ndarray) -> np.ndarray:
-        """(...) about the distances of points (..., 3)."""
-        place = (points - self.low) / self.step
-        inside = np.rint(place).clip(0, _PLACES - 1).astype(int)
-        beyond = np.abs(place - place.clip(0, _PLACES - 1)) * self.step
-        return self.distance_m[tuple(np.moveaxis(inside, -1, 0))] + beyond.sum(axis=-1)
+    def nearest(self, points: np.ndarray) -> np.ndarray:
+        """(..., 3) about the nearest points of points (..., 3), both about the centre."""
+        place = (points / self._half.astype(np.float32) + 1) * np.float32((_PLACES - 1) / 2)
+        index = (place + np.float32(0.5)).clip(0, _PLACES - 1).astype(np.int32)
+        return self._nearest[(index[..., 0] * _PLACES + index[..., 1]) * _PLACES + index[..., 2]]
 
     def covers(self, points: np.ndarray) -> np.ndarray:
         """(n,) which points (n, 3) are inside."""
-        place = (points - self.low) / self.step
-        return ((place >= 0) & (place <= _PLACES - 1)).all(axis=-1)
+        return (np.abs(points - self.centre) <= self._half).all(axis=-1)
+
+
+class _Starts(NamedTuple):
+    """Similarities, from points about their mean to the field about its centre: matrix (m, 3, 3),
+    translation (m, 3), and their scale (m,).
+    """
+
+    matrix: np.ndarray
+    translation: np.ndarray
+    scale: np.ndarray
+
+    @classmethod
+    def of(cls, *parts: np.ndarray) -> "_Starts":
+        """They in float32, which is half of the time."""
+        return cls(*(part.astype(np.float32) for part in parts))
+
+    def rows(self, rows: np.ndarray | slice) -> "_Starts":
+        return _Starts(*(part[rows] for part in self))
 
 
 class SimilaritySearch:
@@ -102,7 +116,8 @@ class SimilaritySearch:
     def __init__(self, model: TriangleDistance, points: np.ndarray) -> None:
         self.model = model
         self.points = points
-        self._field = _DistanceField.of(model)
+        self._mean = points.mean(axis=0)
+        self._field = _Field(model)
         corners = model.vertices[model.triangles]
         places, weights = _quadrature(corners)
         inside = self._field.covers(places)
@@ -115,52 +130,102 @@ class SimilaritySearch:
         """The similarity that leaves the smallest share of the points' size, of this scale or of
         any one.
         """
-        scales = np.array(_SIZES) / self.ratio if scale is None else np.array([scale])
+        scales = _SIZES / self.ratio if scale is None else np.array([scale])
         some = _thinned(self.points, _TRIED_POINTS)
-        tried = []
+        found = []
         for start in self._starts(mirrored, scales):
-            rough = self._icp(some, start, scale is None)
-            tried += [rough, self._plane_icp(some, rough, scale is None, _ROUNDS)]
-        found = [one for one in tried if self.ratio * one.scale >= LEAST_SIZE]
+            one = self._plane_icp(some, start, scale is None, _TRIED_ROUNDS)
+            if self.ratio * one.scale >= LEAST_SIZE:
+                found.append(one)
         if not found:
             return None
-        nearest = min(found, key=lambda one: self._share(some, one))
-        return self.refined(nearest, scale is None)
+        return self._refined(min(found, key=lambda one: self._share(some, one)), scale is None)
 
-    def refined(self, start: Similarity, with_scale: bool) -> Similarity:
-        """The start after ICP, which may change its scale."""
-        some = _thinned(self.points, _REFINED_POINTS)
-        rough = self._icp(some, start, with_scale)
-        fine = self._plane_icp(some, rough, with_scale, _REFINED_ROUNDS)
-        return min((start, rough, fine), key=lambda one: self._share(some, one))
+    def refined(self, start: Similarity) -> Similarity:
+        """The start after ICP, which keeps its scale."""
+        some = self._about_mean(_TRIED_POINTS)
+        moved = start.apply(self._mean[None]) - self._field.centre
+        near = _Starts.of(start.matrix[None], moved, np.array([start.scale]))
+        for _ in range(_LAST_ROUNDS):
+            near, _ = self._descended(some, near)
+        return self._refined(self._similarity(near, 0), False)
+
+    def _refined(self, start: Similarity, with_scale: bool) -> Similarity:
+        return self._plane_icp(
+            _thinned(self.points, _REFINED_POINTS), start, with_scale, _REFINED_ROUNDS
+        )
 
     def _starts(self, mirrored: bool, scales: np.ndarray) -> Iterator[Similarity]:
-        """The best of all orientations, scales and places."""
-        some = _thinned(self.points, _LOOKED_UP)
-        middles = (np.zeros(3), np.zeros(3)), (self.points.mean(axis=0), self._middle)
-        rotations = _rotations()
+        """The best of all orientations, scales and places, apart from each other."""
+        some = self._about_mean(_START_POINTS)
+        starts = self._anywhere(mirrored, scales)
+        while len(starts.scale) > _LAST:
+            parts = []
+            for first in range(0, len(starts.scale), _AT_ONCE):
+                parts.append(self._descended(some, starts.rows(slice(first, first + _AT_ONCE))))
+            starts = _Starts(*map(np.concatenate, zip(*[one for one, _ in parts], strict=True)))
+            left = np.concatenate([left for _, left in parts])
+            kept = max(_LAST, int(_KEPT * len(left)))
+            starts = starts.rows(np.argpartition(left, kept - 1)[:kept])
+        some = self._about_mean(_TRIED_POINTS)
+        for _ in range(_LAST_ROUNDS):
+            starts, left = self._descended(some, starts)
+        chosen: list[np.ndarray] = []
+        for row in np.argsort(left):
+            moved = some @ starts.matrix[row].T + starts.translation[row]
+            apart = [np.linalg.norm(moved - other, axis=1).mean() for other in chosen]
+            if min(apart, default=np.inf) > _APART * self._extent and len(chosen) < _TRIED:
+                chosen.append(moved)
+                yield self._similarity(starts, row)
+
+    def _anywhere(self, mirrored: bool, scales: np.ndarray) -> _Starts:
+        """`_STARTS` of each scale."""
+        rng = np.random.default_rng(0)
+        count = _STARTS * len(scales)
+        quat_xyzw, away = rng.normal(size=(count, 4)), rng.normal(size=(count, 3))
+        quat_xyzw /= np.linalg.norm(quat_xyzw, axis=1, keepdims=True)
+        away *= np.cbrt(rng.uniform(size=(count, 1))) / np.linalg.norm(away, axis=1, keepdims=True)
+        scale = np.repeat(scales, _STARTS)
         flip = np.diag([-1.0 if mirrored else 1.0, 1.0, 1.0])
-        best = np.full(len(rotations), np.inf)
-        starts: list[Similarity | None] = [None] * len(rotations)
-        for scale, (own, other) in product(scales, middles):
-            matrices = scale * rotations @ flip
-            moved = np.einsum("rij,nj->rni", matrices, some - own) + other
-            left = self._field.at(moved).mean(axis=1) / scale
-            for row in np.flatnonzero(left < best):
-                best[row] = left[row]
-                starts[row] = Similarity(matrices[row], other - matrices[row] @ own)
-        for _ in range(_STARTS):
-            row = int(best.argmin())
-            if (start := starts[row]) is None or best[row] == np.inf:
-                return
-            yield start
-            best[so3.angle(rotations[row].T @ rotations) < _APART_RAD] = np.inf
+        matrix = scale[:, None, None] * so3.matrix_from_quat_xyzw(quat_xyzw) @ flip
+        translation = self._middle - self._field.centre + self._extent * away
+        return _Starts.of(matrix, translation, scale)
+
+    def _about_mean(self, count: int) -> np.ndarray:
+        return (_thinned(self.points, count) - self._mean).astype(np.float32)
+
+    def _similarity(self, starts: _Starts, row: int) -> Similarity:
+        matrix = starts.matrix[row].astype(float)
+        moved = starts.translation[row] + self._field.centre
+        return Similarity(matrix, moved - matrix @ self._mean)
+
+    def _descended(self, points: np.ndarray, starts: _Starts) -> tuple[_Starts, np.ndarray]:
+        """The starts after a step of point-to-point ICP in the field, which keeps their scale, and
+        (m,) the shares that they left before it. points and starts are float32.
+        """
+        moved = points @ starts.matrix.swapaxes(1, 2) + starts.translation[:, None]
+        offset = self._field.nearest(moved) - moved
+        left = np.sqrt(np.einsum("mni,mni->mn", offset, offset))
+        mean = left.mean(axis=1, keepdims=True)
+        use = (left <= _INLIERS * mean).astype(np.float32)[:, None]
+        use /= use.sum(axis=2, keepdims=True)
+        middle, shift = use @ moved, (use @ offset)[:, 0]
+        about = moved - middle
+        weighted = (use.swapaxes(1, 2) * about).swapaxes(1, 2)
+        inertia = -(weighted @ about)
+        spread = np.maximum(-np.einsum("mii->m", inertia), np.finfo(np.float32).tiny)
+        inertia[:, range(3), range(3)] += (1 + _REGULAR) * spread[:, None]
+        torque = weighted @ offset
+        torque = (torque - torque.swapaxes(1, 2))[:, [1, 2, 0], [2, 0, 1]]
+        R = so3.exp(np.linalg.solve(inertia, torque[..., None])[..., 0]).astype(np.float32)
+        translation = (R @ (starts.translation[..., None] - middle.swapaxes(1, 2)))[..., 0]
+        translation += middle[:, 0] + shift
+        return _Starts(R @ starts.matrix, translation, starts.scale), mean[:, 0] / starts.scale
 
     def resized(self, one: Similarity, scale: float) -> Similarity:
         """The same with another scale, about the centre of the points."""
-        middle = self.points.mean(axis=0)
         matrix = one.matrix * (scale / one.scale)
-        return Similarity(matrix, one.apply(middle[None])[0] - matrix @ middle)
+        return Similarity(matrix, one.apply(self._mean[None])[0] - matrix @ self._mean)
 
     def share(self, one: Similarity) -> float:
         """The mean distance that a similarity leaves, as a share of its scale."""
@@ -169,41 +234,27 @@ class SimilaritySearch:
     def _share(self, points: np.ndarray, one: Similarity) -> float:
         return float(self.model.distance(one.apply(points)).mean()) / one.scale
 
-    def _icp(self, points: np.ndarray, start: Similarity, with_scale: bool) -> Similarity:
-        """Point-to-point ICP, which converges from afar."""
-        found = start
-        for _ in range(_ROUNDS):
-            moved = found.apply(points)
-            near = self.model.nearest(moved)
-            use = near.distance_m <= _INLIERS * np.median(near.distance_m)
-            if np.count_nonzero(use) < 4:
-                break
-            T, factor = umeyama(moved[use], near.point_m[use], with_scale=with_scale)
-            found = found.then(factor * T.rotation, T.translation)
-        return found
-
     def _plane_icp(
         self, points: np.ndarray, start: Similarity, with_scale: bool, rounds: int
     ) -> Similarity:
-        """Point-to-plane ICP, which is exact."""
+        """Point-to-plane ICP, which is exact; the weights make it that of least absolute distances."""
         found = start
         for _ in range(rounds):
             moved = found.apply(points)
             near = self.model.nearest(moved)
             normals = self.model.normals(near.triangle)
             offset = ((moved - near.point_m) * normals).sum(axis=1)
-            use = near.distance_m <= _INLIERS * np.median(near.distance_m)
+            weight = 1 / (near.distance_m + max(np.median(near.distance_m), _LAST_STEP))
             middle = moved.mean(axis=0)
-            about = moved[use] - middle
-            n = normals[use]
-            columns = [n, np.cross(about, n)]
+            about = moved - middle
+            columns = [normals, np.cross(about, normals)]
             if with_scale:
-                columns.append((about * n).sum(axis=1, keepdims=True))
+                columns.append((about * normals).sum(axis=1, keepdims=True))
             J = np.hstack(columns)
-            A = J.T @ J
+            A = (weight * J.T) @ J
             if len(J) < J.shape[1] or np.linalg.cond(A) > _UNDETERMINED:
                 break
-            step = np.linalg.solve(A, -J.T @ offset[use])
+            step = np.linalg.solve(A, -J.T @ (weight * offset))
             matrix = so3.exp(step[3:6]) * np.exp(step[6:].sum())
             found = found.then(matrix, middle - matrix @ middle + step[:3])
             if np.abs(step).max() < _LAST_STEP:
@@ -214,14 +265,6 @@ class SimilaritySearch:
 def _thinned(points: np.ndarray, count: int) -> np.ndarray:
     """About so many of the points."""
     return points[:: max(1, len(points) // count)]
-
-
-def _rotations() -> np.ndarray:
-    """(m, 3, 3) rotations that swap axes, and others in all directions."""
-    quat_xyzw = np.random.default_rng(0).normal(size=(_ROTATIONS, 4))
-    quat_xyzw /= np.linalg.norm(quat_xyzw, axis=1, keepdims=True)
-    anywhere = SE3.from_quat_xyzw(quat_xyzw, np.zeros((_ROTATIONS, 3))).rotation
-    return np.concatenate([changes_of_axes(1), anywhere])
 
 
 def _quadrature(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

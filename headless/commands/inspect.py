@@ -11,7 +11,7 @@ from iclnuim.sequences.inspection import inspect_sequence
 from iclnuim.sequences.metadata import write_metadata
 from iclnuim.sequences.stored_sequence import StoredSequence
 
-from ..options import add_rerun, checked_rerun, common
+from ..options import add_rerun, checked_rerun, common, option_name
 from ..sequence_input import add_allow_outside
 
 #: Figure -> its label and unit.
@@ -50,7 +50,7 @@ def run(args: Namespace, console: Console) -> int:
     """Exit code 2 if errors were found, 0 if there are at most warnings."""
     recording = checked_rerun(args)
     sequence = StoredSequence(args.folder, args.allow_outside)
-    found = inspect_sequence(sequence)
+    found = inspect_sequence(sequence, option_name)
     lines = [_figure_line(name, value) for name, value in found.figures.items()]
     lines += [f"ERROR: {sentence}" for sentence in found.errors]
     lines += [f"warning: {sentence}" for sentence in found.warnings]

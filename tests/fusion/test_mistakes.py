@@ -2,6 +2,8 @@
 of ICP.
 """
 
+import re
+
 import numpy as np
 import pytest
 
@@ -105,6 +107,16 @@ def test_a_mirrored_reconstruction_fits_twice_as_well_as_any_rigid_motion(sigma_
     """11 and 16 mm. Many triangles are near any point: rigid fits are 82 mm away."""
     model, points = without_symmetry(300)
     assert ("is mirrored" in advice(noisy(points * axes, sigma_m), model)) == is_named
+
+
+def test_a_part_in_feet_whose_middle_is_elsewhere_is_found_from_anywhere():
+    """Its middle is 0.4 of the model's extent from that of the model."""
+    model, points = without_symmetry(60)
+    part = points[points[:, 0] < 0.1]
+    turned = SE3.exp(np.array([5.0, -2.0, 1.0, 0.9, -1.4, 0.6])).apply(part)
+    found = advice(turned / 0.3048, model)
+    assert "the reconstruction seems to be in feet" in found and "another world frame" in found
+    assert float(re.search(r"distance is (\S+) mm instead", found)[1]) < 1
 
 
 @pytest.mark.parametrize(("sigma_m", "is_named"), [(0.15, True), (0.45, False)])

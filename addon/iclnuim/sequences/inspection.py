@@ -57,7 +57,7 @@ class Inspection(Shown):
     """Figures by name, and what was found: errors and warnings as sentences.
 
     explanations: of poses that do not fit the depth, {kind, parameters}; explained_error: the
-    figures with all of them applied, None without any.
+    figures with all of them applied, None without any. name_of: as of `IclnuimError.worded`.
     """
 
     folder: Path
@@ -66,6 +66,7 @@ class Inspection(Shown):
     warnings: list[str] = field(default_factory=list)
     explanations: list[dict[str, Any]] = field(default_factory=list)
     explained_error: dict[str, float] | None = None
+    name_of: Callable[[str], str] = str
 
     def summary(self) -> str:
         return f"{self.folder}, {len(self.errors)} errors, {len(self.warnings)} warnings"
@@ -86,7 +87,7 @@ class Inspection(Shown):
         try:
             return work()
         except InputError as error:
-            self.errors.append(str(error).removeprefix(f"{self.folder}/"))
+            self.errors.append(error.worded(self.name_of).removeprefix(f"{self.folder}/"))
             return None
 
     def images(self, where: list[str], paths: list[Path], sentence: str) -> None:
@@ -102,13 +103,16 @@ def first_names(names: list[str]) -> str:
     return ", ".join(names[:3]) + " ..." * (len(names) > 3)
 
 
-def inspect_sequence(folder: StoredSequence | StrPath) -> Inspection:
-    """Inspect the sequence in a folder, or one that was opened, in any known format.
+def inspect_sequence(
+    folder: StoredSequence | StrPath, name_of: Callable[[str], str] = str
+) -> Inspection:
+    """Inspect the sequence in a folder, or one that was opened, in any known format. `name_of`
+    returns the name of each setting that an error advises.
 
     It never raises an error because of a file's content.
     """
     sequence = opened(folder)
-    result = Inspection(sequence.folder)
+    result = Inspection(sequence.folder, name_of=name_of)
     pairs = result.attempt(lambda: sequence.pairs)
     if pairs is None:
         return result
