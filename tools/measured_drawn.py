@@ -37,7 +37,11 @@ from iclnuim.benchmark.perturbations.plan import CLEAN, NOISY, SEVERITIES, read_
 from iclnuim.shipped import TRAJECTORY_NAMES, further_sequences, paper_sequences
 from iclnuim.tools.measured_cells import PublishedCells
 from iclnuim.tools.measured_tables import Rows, words
-from iclnuim.tools.scene_ways_drawn import scene_ways_figure, scene_ways_table
+from iclnuim.tools.scene_ways_drawn import (
+    scene_blocks_table,
+    scene_ways_figure,
+    scene_ways_table,
+)
 from iclnuim.tools.sensor_curves import DARK, PUBLISHED, of_model
 from matplotlib.figure import Figure
 
@@ -497,6 +501,11 @@ def scene_ways(cells: PublishedCells) -> Rows:
     return scene_ways_table(_stored("own_scenes_ways.csv"))
 
 
+def scene_blocks(cells: PublishedCells) -> Rows:
+    """Errors of frames against plain Cycles, in blocks of pixels."""
+    return scene_blocks_table(_stored("own_scenes_ways.csv"))
+
+
 def ways_figure() -> Figure:
     """Time and error of every way to light each scene."""
     return scene_ways_figure(_stored("own_scenes_ways.csv"))
@@ -555,6 +564,7 @@ DRAWN: dict[str, Drawn] = {
     "own_scenes-rooms": rooms,
     "own_scenes-refused": refused_rooms,
     "own_scenes-ways": scene_ways,
+    "own_scenes-blocks": scene_blocks,
     "own_scenes-checks": scene_checks,
     "learned-noise": learned_noise,
     "learned-pairs": learned_pairs,

@@ -1,5 +1,6 @@
-"""Measures the ways to light a scene against path tracing with many samples, and what the first
-look announced of them. Adds the rows of one scene to docs/measured/own_scenes_ways.csv.
+"""Measures the ways to light a scene against path tracing with many samples and, in blocks of
+pixels, against plain Cycles, and what the first look announced of them. Adds the rows of one scene
+to docs/measured/own_scenes_ways.csv.
 
     python tools/scene_ways.py NAME SCENE TRAJECTORY [--scene-unit M] [--map-size 256 ...]
 
@@ -28,6 +29,7 @@ from iclnuim.sequences.run_folder import load_trajectory
 
 checkout.load("iclnuim.tools", "measuring scenes")
 from iclnuim.tools.rendered import read_frames  # noqa: E402
+from iclnuim.tools.scene_plain import blocks, plain_frames  # noqa: E402
 
 FILE = Path(__file__).resolve().parents[1] / "docs/measured/own_scenes_ways.csv"
 COLUMNS = [
@@ -41,6 +43,7 @@ COLUMNS = [
     "announced_db",
     "chosen",
     "look_core_s",
+    "blocks_db",
 ]
 _FRAMES = 60
 _SAMPLES = (1, 2, 4, 8, 16, 32, 64)
@@ -78,15 +81,17 @@ def measured(
     true, _ = _rendered(
         path.changed(samples=truth, seed=job.seed + 1), folder / "truth", [], unseen
     )
+    true = srgb8(true)
+    plain = blocks(plain_frames(job, unseen))
     ways = [path.changed(samples=samples) for samples in _SAMPLES]
     ways += [job.changed(light="baked", samples=1, map_size=size) for size in map_sizes]
     for number, way in enumerate(ways):
-        images, (start_core_s, frame_core_s) = _rendered(way, folder / str(number), [], unseen)
+        rgb, (start_core_s, frame_core_s) = _rendered(way, folder / str(number), [], unseen)
         size = way.map_size if way.light == "baked" else None
         found = (way.light, way.samples, size)
         announced = next(w for w in look["ways"] if _key(w) == found)
         core_s = start_core_s + count * frame_core_s
-        figures = (core_s, psnr_db(square(images, true)))
+        figures = (core_s, psnr_db(square(srgb8(rgb), true)))
         expected = (announced["core_s"], announced["psnr_db"])
         is_chosen = look["ways"][look["chosen"]] == announced
         shown = [f"{value:.4g}" for value in (*figures, *expected)]
@@ -96,6 +101,7 @@ def measured(
             *shown,
             int(is_chosen),
             look["core_s"],
+            f"{psnr_db(square(blocks(rgb), plain)):.4g}",
         ]
 
 
@@ -106,7 +112,7 @@ def _key(way: dict[str, Any]) -> tuple[str, int, int | None]:
 def _rendered(
     job: RenderJob, out: Path, requested: Sequence[int], numbers: Sequence[int]
 ) -> tuple[np.ndarray, tuple[float, float]]:
-    """Frames as 8-bit sRGB, and the core-seconds until the first is finished, without one frame,
+    """Frames of scene-linear RGB, and the core-seconds until the first is finished, without one frame,
     and of each other frame.
     """
     from iclnuim.blender.render import worker
@@ -121,7 +127,7 @@ def _rendered(
         return np.empty(0), (0.0, 0.0)
     took = np.diff(times)
     frame_core_s = float(took[1:].mean())
-    return srgb8(read_frames(out, numbers)[0]), (float(took[0]) - frame_core_s, frame_core_s)
+    return read_frames(out, numbers)[0], (float(took[0]) - frame_core_s, frame_core_s)
 
 
 if __name__ == "__main__":

@@ -41,6 +41,17 @@ def scene_ways_table(stored: Sequence[Stored]) -> Rows:
     return words("scene | chosen | announced, dB | measured, dB | fastest, factor | look", rows)
 
 
+def scene_blocks_table(stored: Sequence[Stored]) -> Rows:
+    """A row for each scene: the error against plain Cycles, by some of the ways."""
+    names = ("path 1", "path 4", "path 16")
+    rows = []
+    for scene, ways in _scenes(stored):
+        found = {_name(way): way["blocks_db"] for way in ways}
+        if any(found.values()):
+            rows.append([scene, *(f"{float(found[name]):.1f}" for name in names)])
+    return words(" | ".join(("scene", *names)), rows)
+
+
 def scene_ways_figure(stored: Sequence[Stored]) -> Figure:
     """Core-seconds against PSNR of every way, a colour for each scene."""
     drawing = Figure(figsize=(8, 5.5), layout="constrained")
