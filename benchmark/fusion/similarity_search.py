@@ -70,7 +70,7 @@ class Similarity(NamedTuple):
         return bool(np.linalg.det(self.matrix) < 0)
 
 
-class _Field:
+class _NearestPoints:
     """The points of a surface that are nearest to the places of a grid, about its centre (3,)."""
 
     def __init__(self, model: TriangleDistance) -> None:
@@ -117,7 +117,7 @@ class SimilaritySearch:
         self.model = model
         self.points = points
         self._mean = points.mean(axis=0)
-        self._field = _Field(model)
+        self._field = _NearestPoints(model)
         corners = model.vertices[model.triangles]
         places, weights = _quadrature(corners)
         inside = self._field.covers(places)
