@@ -96,3 +96,9 @@ def test_two_at_once_halve_what_each_of_them_leaves(both_m, kinds):
     alone = candidate(["inverse"], 0.4, 0.1), candidate(["scale"], 0.8, 0.15)
     both = candidate(["inverse", "scale"], both_m, 0.09)
     assert winner([*alone, both]).kinds == kinds
+
+
+def test_what_is_below_rounding_cannot_be_halved():
+    exact, less = fit(found(0.0, 1e-8, 0.0)), fit(found(0.0, 0.0, 0.0))
+    assert not less.halves_errors_of(exact) and not exact.halves_errors_of(exact)
+    assert exact.halves_errors_of(fit(found(3e-6, 0.0, 0.0)))

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from iclnuim.doubt.axis_changes import changes_of_axes
 from iclnuim.doubt.imu_against_poses import imu_agreement
 from iclnuim.doubt.imu_hypotheses import CHAINS, WORDS
 from iclnuim.geometry import so3
+from iclnuim.geometry.axis_changes import changes_of_axes
 from iclnuim.geometry.continuous import RecipeMotion, SplineMotion
 from iclnuim.geometry.handheld import Recipe
 from iclnuim.geometry.se3 import SE3

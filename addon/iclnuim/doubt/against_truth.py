@@ -16,6 +16,7 @@ from .competition import Candidate, candidate, screened, winner
 from .fit import Fit
 from .hypotheses import hypotheses
 from .hypotheses.scale import is_drift, scaled
+from .hypotheses.time import clocks, other_clocks
 from .hypothesis import Files, Hypothesis, Reorder
 from .no_rotations import turns
 from .time_axis import OtherTime
@@ -91,17 +92,17 @@ def _best(compared: Compared, known: list[Hypothesis]) -> Candidate | None:
     candidates = []
     offset_only = False
     if plain is not None:
-        poses = plain.found[0]
+        poses = plain.whole
         candidates += _alone(plain, known)
         offset_only = poses.errors.position_m < _WORTH_SEARCH * poses.sizes_m()[0]
-    timed = _timed(compared, compared.clocks(offset_only))
+    timed = _timed(compared, clocks(compared, offset_only))
     for _, view in timed:
         candidates += filter(Candidate.explains, _alone(view, []))
     is_explained = winner(candidates) is not None
     if not is_explained and plain is not None and not _is_bad(plain):
         return None
     with_rates = plain is None and not is_explained
-    others = _timed(compared, compared.other_clocks(with_rates))
+    others = _timed(compared, other_clocks(compared, with_rates))
     for _, view in others:
         candidates += filter(Candidate.explains, _alone(view, []))
     timed += others
@@ -117,9 +118,9 @@ def _timed(compared: Compared, clocks: Iterable[Clock]) -> list[tuple[Clock, Vie
 
 def _is_bad(plain: View) -> bool:
     """Whether the errors may be those of two mistakes."""
-    extent_m, motion_m = plain.found[0].sizes_m()
+    extent_m, motion_m = plain.whole.sizes_m()
     limits = np.array([_BAD_EXTENT * extent_m, _BAD_MOTION * motion_m, _BAD_RAD])
-    return bool((plain.found[0].errors > limits).any())
+    return bool((plain.whole.errors > limits).any())
 
 
 def _alone(view: View, known: Sequence[Hypothesis]) -> list[Candidate]:
@@ -143,12 +144,12 @@ def _combined(
     """The best of all pairs of hypotheses, one of which may be a time."""
     found: list[tuple[float, Sequence[Hypothesis], View, Clock | None]] = []
     if plain is not None:
-        poses = plain.found[0].thinned(_SCREENED_PAIRS)
+        poses = plain.whole.thinned(_SCREENED_PAIRS)
         for first in known:
             pairs = [(first, other) for other in known if _is_pair(first, other)]
             found += [(*one, plain, None) for one in screened(poses, pairs)]
     for other, timed_view in timed:
-        poses = timed_view.found[0].thinned(_SCREENED_PAIRS)
+        poses = timed_view.whole.thinned(_SCREENED_PAIRS)
         found += [(*one, timed_view, other) for one in screened(poses, [(one,) for one in known])]
     found.sort(key=lambda one: one[0])
     for _, chain, view, clock in found[:_KEPT]:
@@ -174,7 +175,7 @@ def _at_refined_time(
     compared: Compared, clock: Clock, view: View, chain: Sequence[Hypothesis]
 ) -> Iterable[Candidate]:
     """The candidate with its time refined after its other changes."""
-    changes = view.found[0].fitted(chain)
+    changes = view.whole.fitted(chain)
     if changes is None:
         return
 

@@ -11,8 +11,8 @@ from itertools import combinations
 import numpy as np
 
 from ..geometry import axes, so3
+from ..geometry.axis_changes import changes_of_axes
 from ..geometry.se3 import SE3
-from .axis_changes import changes_of_axes
 from .compared_poses import ComparedPoses, rms
 
 #: Rounds of rotation and lever arm in turn.

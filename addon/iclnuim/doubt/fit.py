@@ -77,8 +77,8 @@ class Fit:
 
     def halves_errors_of(self, other: "Fit") -> bool:
         """Whether it leaves at most half of an error that another explanation leaves."""
-        least = np.maximum(other.found[0], self.limits.rounding)
-        return bool((self.found[0] <= WORTH_SHARE * least).any())
+        mine, theirs = (np.maximum(one.found[0], one.limits.rounding) for one in (self, other))
+        return bool((mine <= WORTH_SHARE * theirs).any())
 
     @property
     def is_close(self) -> bool:

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..geometry.axis_changes import changes_of_axes
 from ..sensor.imu import GRAVITY_M_S2
-from .axis_changes import changes_of_axes
 from .change import Change
 from .hypothesis import Words
 from .imu_evidence import ImuEvidence, ImuHypothesis, MountedReadings

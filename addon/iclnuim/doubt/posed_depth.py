@@ -35,7 +35,7 @@ _LAST_STEP = 0.01
 @dataclass(frozen=True, eq=False)
 class DepthHypothesis:
     """starts (m, d): parameters from which a fit starts; steps (d,): changes of them that are small.
-    change: of the poses (`of` "poses") or the pairs of images ("images"), with parameters (d,).
+    change: of the poses or of the pairs of images (`of` "images"), with parameters (d,).
     group: at most one of a group is named.
     """
 

@@ -237,7 +237,7 @@ def refined(
     curve: Curve = POSITIONS,
 ) -> TimeAxis:
     """The axis nearby with the smallest RMS, by least squares over the offset, or over offset and
-    scale, which stays within a factor of 2.
+    scale, which stays within a factor of 2; of curves that reflect, by trying offsets alone.
     """
     best_m = rms_m(reference, estimate, axis, curve)
     if best_m == np.inf:

@@ -2,7 +2,7 @@
 of the way, each with the axis that fits the other half.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,15 +13,10 @@ from .change import Change
 from .compared_poses import ComparedPoses, Comparison, middle_of_way
 from .time_axis import (
     POSITIONS,
-    ROTATIONS,
     SCALED_POSITIONS,
-    SHAPES,
     Curve,
     OtherTime,
     TimeAxis,
-    best_offset,
-    best_scales,
-    frame_s,
     moved_onto_stamps,
     refined,
     rounded,
@@ -30,8 +25,6 @@ from .time_axis import (
 #: Pairs of poses in each half.
 _MIN_PAIRS = 5
 _LEAST = (2 * _MIN_PAIRS, _MIN_PAIRS, _MIN_PAIRS)
-#: Offsets that differ by less than this share of a frame are one.
-_SAME_SHARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +37,10 @@ class View:
     given: tuple[ComparedPoses | None, ...]
     found: tuple[ComparedPoses, ...]
     time: Change | None = None
+
+    @property
+    def whole(self) -> ComparedPoses:
+        return self.found[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,55 +120,10 @@ class Compared:
         change = Change(clock.kind, time=time, free=clock.free, parameters=axis.to_dict())
         return View(tuple(given), tuple(found), change)
 
-    def clocks(self, offset_only: bool) -> Iterator[Clock]:
-        """Other time axes with which the positions as read fit best."""
-        reference, estimate, curve = self.reference, self.estimate, self.positions
-        offset = best_offset(reference, estimate, curve)
-        if offset is not None:
-            yield Clock("offset", 1, estimate, offset, curve)
-        if offset_only:
-            return
-        yield from self._rates(curve)
-        if len(reference) == len(estimate) and not self._on_a_line():
-            stamped = Trajectory(reference.stamps_s, estimate.T_world_camera)
-            yield Clock("rows", 0, stamped, TimeAxis(0.0), curve)
-
-    def other_clocks(self, with_rates: bool) -> Iterator[Clock]:
-        """Offsets with which the estimate fits best, whatever its positions and rotations are
-        multiplied by; with_rates: such rates, too. Poses at other times that may be scaled fit
-        wherever the ground truth hardly moves, so rates are for stamps that mean nothing as read.
-        """
-        step_s = frame_s(self.reference)
-        known = [self.settings.offset_s]
-        if (offset := best_offset(self.reference, self.estimate, self.positions)) is not None:
-            known.append(offset.offset_s)
-        curves = (SHAPES,) if self.how.positions_only else (SHAPES, ROTATIONS)
-        for curve in curves:
-            axis = best_offset(self.reference, self.estimate, curve)
-            if axis and all(abs(axis.offset_s - one) > _SAME_SHARE * step_s for one in known):
-                known.append(axis.offset_s)
-                yield Clock("offset", 1, self.estimate, axis, curve)
-        for curve in (SCALED_POSITIONS, *curves) if with_rates else ():
-            yield from self._rates(curve)
-
-    def _rates(self, curve: Curve) -> Iterator[Clock]:
-        for free, scaled in best_scales(self.reference, self.estimate, curve):
-            if scaled.scale != 1.0:
-                yield Clock("rate", free, self.estimate, scaled, curve)
-
     @property
     def positions(self) -> Curve:
         """Positions as the alignment that was asked for compares them."""
         return SCALED_POSITIONS if self.how.with_scale else POSITIONS
-
-    def _on_a_line(self) -> bool:
-        """Whether an offset and a scale make the stamps of the rows equal."""
-        estimate = self.estimate
-        since_s = estimate.stamps_s - estimate.stamps_s[0]
-        A = np.column_stack([since_s, np.ones(len(estimate))])
-        line = np.linalg.lstsq(A, self.reference.stamps_s, rcond=None)[0]
-        limit_s = self.settings.max_difference_s
-        return bool((np.abs(A @ line - self.reference.stamps_s) < limit_s).all())
 
 
 def _as_read(trajectory: Trajectory) -> Trajectory:

@@ -11,11 +11,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..console import Meter, advance_of
-from ..doubt.carried_depth import carried_residual
 from ..errors import InputError
 from ..formats.files import atomic_write, make_folder
 from ..formats.libraries import first_library
 from ..formats.png import write_png
+from ..geometry.carried_depth import carried_residual
 from ..geometry.trajectory import Trajectory, sample
 from ..sequences.camera_files import SequenceCamera
 from ..sequences.frames import ImagePair

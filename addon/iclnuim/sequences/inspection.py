@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..doubt.carried_depth import carried_residual
 from ..doubt.depth_against_poses import MISMATCH
 from ..doubt.imu_against_poses import imu_agreement
 from ..errors import InputError, StrPath, WorkError
@@ -23,6 +22,7 @@ from ..formats.files import is_file
 from ..formats.images import METRES, image_header, read_colour8, read_metres
 from ..formats.png import PngHeader
 from ..geometry.camera import PinholeCamera
+from ..geometry.carried_depth import carried_residual
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_rate_hz, sample, trajectory_statistics
 from ..shown import Shown

@@ -1,4 +1,6 @@
-"""The hypotheses on poses and stamps: one module each, and a line below."""
+"""The hypotheses on poses and stamps: one module each, and a line below. Those on stamps are other
+time axes (`time.py`), which `against_truth.py` tries with those on poses.
+"""
 
 from ..hypothesis import Files, Hypothesis, Said
 from . import axes, body, inverse, mirror, quaternion_order, scale, time

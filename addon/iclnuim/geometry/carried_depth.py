@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..geometry.camera import PinholeCamera
-from ..geometry.se3 import SE3
+from .camera import PinholeCamera
+from .se3 import SE3
 
 
 def carried_residual(
