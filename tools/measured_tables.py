@@ -9,6 +9,8 @@ from statistics import geometric_mean, mean, median
 from string import Formatter
 from typing import Any
 
+from iclnuim.benchmark.perturbations.plan import Bounds
+
 _PICTURES = "docs/measured/pictures"
 _KT2 = "out/living_room/kt2"
 _SEQUENCES = [f"{room}/kt{k}" for room, k in product(("living_room", "office"), range(4))]
@@ -24,9 +26,9 @@ _SENSORS = (
     "experiment sensors out/office/kt0/clean --frames :150 --workers 1 --set "
     "methods=icp,rgbd,icp_rgbd,dvo,fovis,opencv-rgbd,opencv-rgbd-icp"
 )
-#: A sequence of `make --imu bmi055`.
+#: Sequences of `make --imu bmi055`.
 _INERTIAL = (
-    "run orbslam3 out/office/kt2/clean --frames :600 --runs 2 "
+    f"run orbslam3 {' '.join(f'out/{name}/clean' for name in _SEQUENCES)} --frames :600 --runs 3 "
     "--program slam/bin/python --vocabulary ORBvoc.txt"
 )
 #: Title of the row, kind of sequence, options of `fuse`.
@@ -263,22 +265,33 @@ def _sensors(found: Sequence[Any]) -> Rows:
 
 
 def _inertial(found: Sequence[Any]) -> Rows:
-    """A row a sequence: ATE of ORB-SLAM3's runs without and with the IMU, and its initialisation."""
+    """A row a sequence: ATE of ORB-SLAM3's runs without and with the IMU that keep track of most
+    frames, and its initialisation.
+    """
     header = (
         "sequence | RGB-D, ATE mm | with the IMU, ATE mm | ratio of medians"
-        " | IMU initialised after | runs"
+        " | IMU initialised after | runs that keep track"
     )
     rows = []
     for without, with_imu in zip(*(one["results"] for one in found), strict=True):
-        runs = [one["runs"][0]["each"] for one in (without, with_imu)]
-        ates_m = [[r["ate_rmse_m"] for r in each if r["ate_rmse_m"] is not None] for each in runs]
+        finals = [one["runs"][0] for one in (without, with_imu)]
+        runs = [final["each"] for final in finals]
+        ates_m = [[r["ate_rmse_m"] for r in _tracked(final)] for final in finals]
         ratio = f"{median(ates_m[1]) / median(ates_m[0]):.2f}" if all(ates_m) else "-"
         times_s = [r["initialised_s"] for r in runs[1] if r["initialised_s"] is not None]
         initialised = f"{_spread(times_s, '.1f')} s, {len(times_s)} of {len(runs[1])} runs"
-        counts = " and ".join(str(len(each)) for each in runs)
+        counts = " and ".join(
+            f"{len(ate_m)} of {len(each)}" for ate_m, each in zip(ates_m, runs, strict=True)
+        )
         ates = [_spread([1e3 * ate_m for ate_m in each], ".3g") for each in ates_m]
         rows.append((_plain(without["sequence"]), *ates, ratio, initialised, counts))
     return words(header, rows)
+
+
+def _tracked(final: Any) -> list[Any]:
+    """The runs with an ATE of at least the share of frames that `iclnuim stress` asks for."""
+    fewest = Bounds().min_coverage * final["frames"]
+    return [r for r in final["each"] if r["ate_rmse_m"] is not None and r["matched"] >= fewest]
 
 
 def _spread(values: Sequence[float], digits: str) -> str:

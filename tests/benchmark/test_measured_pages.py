@@ -308,10 +308,16 @@ PRINTED = {
                 "sequence": "office/kt2/clean",
                 "runs": [
                     {
+                        "frames": 60,
                         "each": [
-                            {"ate_rmse_m": ate_m, "initialised_s": initialised_s}
-                            for ate_m, initialised_s in ((0.010, 2.5), (0.012, 2.7), (None, None))
-                        ]
+                            {"ate_rmse_m": ate_m, "initialised_s": s, "matched": matched}
+                            for ate_m, s, matched in (
+                                (0.010, 2.5, 60),
+                                (0.012, 2.7, 31),
+                                (0.001, 2.6, 29),
+                                (None, None, 0),
+                            )
+                        ],
                     }
                 ],
             }
@@ -330,18 +336,18 @@ def test_what_the_commands_print_becomes_rows_of_the_same_length(one):
     assert len(rows) >= 2 and len(set(map(len, rows))) == 1
 
 
-def test_runs_with_an_imu_stand_beside_those_without():
+def test_runs_with_an_imu_stand_beside_those_without_and_lost_ones_do_not_count():
     without, with_imu = (json.loads(json.dumps(PRINTED["run orbslam3"])) for _ in range(2))
     for run in without["results"][0]["runs"][0]["each"]:
-        run["ate_rmse_m"] = 0.008
+        run |= {"ate_rmse_m": 0.008, "matched": 60}
     _, row = COMMAND_TABLES["systems-inertial"].rows([without, with_imu])
     assert row == [
         "office kt2 clean",
         "8 (8 to 8)",
         "11 (10 to 12)",
         "1.38",
-        "2.6 (2.5 to 2.7) s, 2 of 3 runs",
-        "3 and 3",
+        "2.6 (2.5 to 2.7) s, 3 of 4 runs",
+        "4 of 4 and 2 of 4",
     ]
 
 
