@@ -151,7 +151,8 @@ def moved_placements(
         found.append(PlacedPoints(model, inverse, (Change("inverse"),), how, advice))
     is_near = min(one.mean_m for one in found) <= NEAR * diagonal(moved)
     for one in _both_hands(search, None) if is_searched and not is_near else ():
-        if is_drift(one.scale):
+        is_doubtful = one.is_mirrored and search.share(one) > NEAR * diagonal(moved)
+        if is_drift(one.scale) or is_doubtful:
             continue
         unit = unit_of_scale(one.scale, units_m)
         if unit:
@@ -161,8 +162,13 @@ def moved_placements(
 
 
 def _both_hands(search: SimilaritySearch, scale: float | None) -> list[Similarity]:
-    """The best similarities of this scale, or of any one, without and with a reflection."""
+    """The best similarities of this scale, or of any one, without and with a reflection. A room is
+    nearly symmetric, so what the search with one found is also tried with it undone in the room.
+    """
     found = [search.best(mirrored, scale) for mirrored in (False, True)]
+    if (mirrored := found[1]) is not None:
+        undone = [mirrored.then(*flip) for flip in _flips(search.model)]
+        found.append(search.refined(min(undone, key=search.share), scale is None))
     return [one for one in found if one is not None]
 
 

@@ -141,14 +141,14 @@ class SimilaritySearch:
             return None
         return self._refined(min(found, key=lambda one: self._share(some, one)), scale is None)
 
-    def refined(self, start: Similarity) -> Similarity:
-        """The start after ICP, which keeps its scale."""
+    def refined(self, start: Similarity, with_scale: bool = False) -> Similarity:
+        """The start after ICP, of which only the last rounds change the scale, if they may."""
         some = self._about_mean(_TRIED_POINTS)
         moved = start.apply(self._mean[None]) - self._field.centre
         near = _Starts.of(start.matrix[None], moved, np.array([start.scale]))
         for _ in range(_LAST_ROUNDS):
             near, _ = self._descended(some, near)
-        return self._refined(self._similarity(near, 0), False)
+        return self._refined(self._similarity(near, 0), with_scale)
 
     def _refined(self, start: Similarity, with_scale: bool) -> Similarity:
         return self._plane_icp(

@@ -76,9 +76,10 @@ class Fit:
         return bool((fits & holds & (self.given[0] > self.limits.worth)).any())
 
     def halves_errors_of(self, other: "Fit") -> bool:
-        """Whether it leaves at most half of an error that another explanation leaves."""
-        mine, theirs = (np.maximum(one.found[0], one.limits.rounding) for one in (self, other))
-        return bool((mine <= WORTH_SHARE * theirs).any())
+        """Whether it leaves at most half of an error that another explanation leaves, and less."""
+        least = np.maximum(other.found[0], self.limits.rounding)
+        is_less = self.found[0] < other.found[0]
+        return bool((is_less & (self.found[0] <= WORTH_SHARE * least)).any())
 
     @property
     def is_close(self) -> bool:
