@@ -149,9 +149,10 @@ def moved_placements(
         how = ("with the inverse of the given motion",)
         advice = ("try inverting it (T_model_mesh)",)
         found.append(PlacedPoints(model, inverse, (Change("inverse"),), how, advice))
-    is_near = min(one.mean_m for one in found) <= NEAR * diagonal(moved)
+    near = NEAR * diagonal(moved)
+    is_near = min(one.mean_m for one in found) <= near
     for one in _both_hands(search, None) if is_searched and not is_near else ():
-        is_doubtful = one.is_mirrored and search.share(one) > NEAR * diagonal(moved)
+        is_doubtful = one.is_mirrored and search.share(one) > near
         if is_drift(one.scale) or is_doubtful:
             continue
         unit = unit_of_scale(one.scale, units_m)

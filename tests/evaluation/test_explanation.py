@@ -132,7 +132,7 @@ def test_each_kind_is_named(tmp_path):
 
 
 def test_nothing_is_named_for_estimates_as_they_should_be(tmp_path):
-    assert counted(["right"], range(6), tmp_path)["right"]["others named"] == 0
+    assert counted(["right"], range(12), tmp_path)["right"]["others named"] == 0
 
 
 @pytest.mark.slow

@@ -79,7 +79,7 @@ def test_two_mistakes_are_corrected():
     """Each with one that stands beside it; all pairs are slow."""
     beside = [pair for pair in pairwise(MISTAKES) if pair in PAIRS]
     table = counts(beside, [1])
-    assert table["corrected"] >= len(beside) - table["needless"] - 1 and table["wrong"] == 0
+    assert table["corrected"] >= 0.9 * (len(beside) - table["needless"]) and table["wrong"] == 0
 
 
 @pytest.mark.parametrize("kind", ["scale", "mirror", "inverse"])

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("igl")
 from iclnuim.benchmark.fusion.alignment import icp  # noqa: E402
 from iclnuim.benchmark.fusion.mistakes import warnings  # noqa: E402
+from iclnuim.benchmark.fusion.similarity_search import SimilaritySearch  # noqa: E402
 from iclnuim.geometry.se3 import SE3  # noqa: E402
 from iclnuim.raycast.distance import TriangleDistance  # noqa: E402
 
@@ -92,6 +93,19 @@ def without_symmetry(count):
     points = (centres + 0.1 * rng.normal(size=(count, 3, 3))).reshape(-1, 3)
     triangles = np.arange(len(points)).reshape(-1, 3)
     return TriangleDistance(points, triangles), on(points, triangles, 2000)
+
+
+def test_a_reflection_that_a_symmetric_room_suggests_is_undone(monkeypatch):
+    """As if the search without a reflection had missed it."""
+    best = SimilaritySearch.best
+
+    def missed(self, mirrored, scale):
+        return best(self, mirrored, scale) if mirrored else None
+
+    monkeypatch.setattr(SimilaritySearch, "best", missed)
+    turned = SE3.exp(np.array([5.0, -2.0, 1.0, 0.9, -1.4, 0.6])).apply(on(BOX, SIDES))
+    found = advice(turned)
+    assert "another world frame" in found and "mirrored" not in found
 
 
 @pytest.mark.parametrize(("sigma_m", "is_named"), [(0.024, True), (0.049, False)])

@@ -420,8 +420,8 @@ RULES = {
     2: FindingRule(_nearer_but_rougher, "dvo's ATE is below icp's, its mean surface error above"),
     3: FindingRule(
         _the_model_is_the_reason,
-        "for icp and for dvo, the surface of kt0 is better against the model than against what the "
-        "odometer takes by itself, which is a keyframe for `best`; void if finding 2 is not the case",
+        "for icp and for dvo, the surface of kt0 is better against the model than against the "
+        "reference by default (for `best` a keyframe); void if finding 2 is not the case",
     ),
     4: FindingRule(
         _better_but_rougher,
