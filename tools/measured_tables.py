@@ -4,7 +4,7 @@ which commands, and the rows that it becomes.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 from statistics import geometric_mean, mean, median
 from string import Formatter
 from typing import Any
@@ -31,6 +31,18 @@ _INERTIAL = (
     f"run orbslam3 {' '.join(f'out/{name}/clean' for name in _SEQUENCES)} --frames :600 --runs 3 "
     "--program slam/bin/python --vocabulary ORBvoc.txt"
 )
+#: Second at which images begin to fail -> sequences and options: before and after ORB-SLAM3 has
+#: settled its IMU.
+_FAILING = {
+    15: (
+        "out/living_room/kt1/noisy out/living_room/kt2/noisy out/office/kt2/noisy",
+        "-o out/inertial",
+    ),
+    20: (
+        "out/living_room/kt2/noisy out/office/kt2/noisy",
+        "--set whole_s=20 --set kinds=black,frozen -o out/inertial_late",
+    ),
+}
 #: Title of the row, kind of sequence, options of `fuse`.
 _SURFACES = (
     ("clean, `best`", "clean", ""),
@@ -266,26 +278,66 @@ def _sensors(found: Sequence[Any]) -> Rows:
 
 def _inertial(found: Sequence[Any]) -> Rows:
     """A row a sequence: ATE of ORB-SLAM3's runs without and with the IMU that keep track of most
-    frames, and its initialisation.
+    frames, over all frames and after the start, and its initialisation.
     """
     header = (
-        "sequence | RGB-D, ATE mm | with the IMU, ATE mm | ratio of medians"
-        " | IMU initialised after | runs that keep track"
+        "sequence | RGB-D, ATE mm | with the IMU | ratio of medians | RGB-D from 5 s on, ATE mm"
+        " | with the IMU | ratio of medians | IMU initialised after | runs that keep track"
     )
     rows = []
-    for without, with_imu in zip(*(one["results"] for one in found), strict=True):
-        finals = [one["runs"][0] for one in (without, with_imu)]
+    for results in zip(*(one["results"] for one in found), strict=True):
+        finals = [one["runs"][0] for one in results]
         runs = [final["each"] for final in finals]
         ates_m = [[r["ate_rmse_m"] for r in _tracked(final)] for final in finals]
-        ratio = f"{median(ates_m[1]) / median(ates_m[0]):.2f}" if all(ates_m) else "-"
+        whole, from_5_s = _compared(*ates_m[:2]), _compared(*ates_m[2:])
         times_s = [r["initialised_s"] for r in runs[1] if r["initialised_s"] is not None]
         initialised = f"{_spread(times_s, '.1f')} s, {len(times_s)} of {len(runs[1])} runs"
         counts = " and ".join(
-            f"{len(ate_m)} of {len(each)}" for ate_m, each in zip(ates_m, runs, strict=True)
+            f"{len(ate_m)} of {len(each)}" for ate_m, each in zip(ates_m[:2], runs, strict=False)
         )
-        ates = [_spread([1e3 * ate_m for ate_m in each], ".3g") for each in ates_m]
-        rows.append((_plain(without["sequence"]), *ates, ratio, initialised, counts))
+        rows.append((_plain(results[0]["sequence"]), *whole, *from_5_s, initialised, counts))
     return words(header, rows)
+
+
+def _compared(without_m: Sequence[float], with_imu_m: Sequence[float]) -> list[str]:
+    """Both errors in mm, and the ratio of their medians."""
+    both = without_m and with_imu_m
+    ratio = f"{median(with_imu_m) / median(without_m):.2f}" if both else "-"
+    in_mm = ([1e3 * ate_m for ate_m in each] for each in (without_m, with_imu_m))
+    return [*(_spread(each, ".3g") for each in in_mm), ratio]
+
+
+def _failing(found: Sequence[Any]) -> Rows:
+    """A row for each time, sequence and kind of failure: runs of ORB-SLAM3 within the bounds of
+    `iclnuim stress`, their median ATE, and the frames with a pose.
+    """
+    runs: dict[tuple[str, ...], dict[str, list[str]]] = {}
+    for starts_s, one in zip(_FAILING, found, strict=True):
+        for cell in one["cells"]:
+            kind, mode = cell["variant"].split("/")
+            each = list(zip(cell["ate_m"], cell["coverage"], strict=True))
+            row = (f"{starts_s} s", _plain(cell["sequence"]), kind)
+            runs.setdefault(row, {})[mode] = _good(each)
+    header = (
+        "failing from | sequence | images | RGB-D: good runs | ATE mm | frames with a pose"
+        " | with the IMU: good runs | ATE mm | frames with a pose"
+    )
+    modes = dict.fromkeys(chain(*runs.values()))
+    return words(header, ([*row, *chain(*(by[m] for m in modes))] for row, by in runs.items()))
+
+
+def _good(runs: Sequence[tuple[float | None, float]]) -> list[str]:
+    """How many of the runs are within the bounds, the median of their errors, and the median share
+    of frames with a pose of all runs.
+    """
+    bounds = Bounds()
+    good_m = [
+        ate_m
+        for ate_m, coverage in runs
+        if ate_m is not None and ate_m <= bounds.success_m and coverage >= bounds.min_coverage
+    ]
+    ate = f"{1e3 * median(good_m):.3g}" if good_m else "-"
+    return [f"{len(good_m)} of {len(runs)}", ate, f"{median(one[1] for one in runs):.0%}"]
 
 
 def _tracked(final: Any) -> list[Any]:
@@ -335,7 +387,14 @@ def _command_tables() -> Iterator[CommandTable]:
     yield CommandTable("noise-models", noise, _models)
     yield CommandTable("sensor-odometry", (_SENSORS,), _sensors)
     modes = (_INERTIAL, f"{_INERTIAL} --mode rgbd-inertial")
-    yield CommandTable("systems-inertial", modes, _inertial)
+    later = (f"{mode} --skip 5" for mode in modes)  # the same runs, evaluated again
+    yield CommandTable("systems-inertial", (*modes, *later), _inertial)
+    options = "--frames :840 --workers 1 --set vocabulary=ORBvoc.txt --set program=slam/bin/python"
+    failing = tuple(
+        f"experiment inertial {sequences} {options} --set runs=3 {further}"
+        for sequences, further in _FAILING.values()
+    )
+    yield CommandTable("systems-failing", failing, _failing)
     titles = [title for title, _, _ in _SURFACES]
     yield CommandTable("surface-error", tuple(_surface_commands()), _surface(titles))
     for curve, default in _CURVES.items():

@@ -174,11 +174,20 @@ def _range(stamps_s: np.ndarray) -> str:
     return f"{stamps_s[0]:.6f} to {stamps_s[-1]:.6f} s"
 
 
+def _truth(sequence: StagedSequence, notes: list[str]) -> Trajectory | None:
+    """The ground truth from where the evaluation begins, with a note if that is not the start."""
+    truth = sequence.truth
+    if truth is None or not sequence.skip_s:
+        return truth
+    notes.append(f"errors without the first {sequence.skip_s:g} s")
+    return truth[truth.stamps_s >= sequence.stamps_s[0] + sequence.skip_s - 1e-9]
+
+
 def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> Evaluation:
     coverage = len(found) / len(sequence.pairs)
     if coverage < _WHOLE:
         notes.insert(0, f"covers {coverage:.0%} of the frames")
-    truth = sequence.truth
+    truth = _truth(sequence, notes)
     if truth is None:
         return Evaluation(len(found), None, None, tuple(notes))
     ate_m = None
@@ -204,7 +213,7 @@ def _measured_without_scale(
     coverage = len(found) / len(sequence.pairs)
     if coverage < _WHOLE:
         notes.insert(0, f"covers {coverage:.0%} of the frames")
-    truth = sequence.truth
+    truth = _truth(sequence, notes)
     if truth is None:
         return Evaluation(len(found), None, None, tuple(notes))
     try:

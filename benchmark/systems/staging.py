@@ -45,7 +45,7 @@ _PACKED: dict[str, Callable] = {".xz": lzma.open, ".gz": gzip.open}
 @dataclass(frozen=True, eq=False)
 class StagedSequence:
     """Images and camera for a system, the ground truth for its evaluation, and the readings of an
-    IMU around the images, if there are any.
+    IMU around the images, if there are any. The evaluation leaves out the first `skip_s` seconds.
 
     Stamps (n,) in seconds are those of the sequence; those of the view are `offset_s` later.
     """
@@ -55,20 +55,27 @@ class StagedSequence:
     camera: SequenceCamera
     truth: Trajectory | None
     imu: ImuStream | None = None
+    skip_s: float = 0.0
 
     @classmethod
-    def of(cls, sequence: StoredSequence | Path, frames: str = "::") -> "StagedSequence":
+    def of(
+        cls, sequence: StoredSequence | Path, frames: str = "::", skip_s: float = 0.0
+    ) -> "StagedSequence":
         """The image pairs of a sequence or of its folder, or those of a Python slice.
 
-        Raises InputError if there are none, or the camera is unknown.
+        Raises InputError if there are none, if none is left to evaluate, or the camera is unknown.
         """
         stored = opened(sequence)
         pairs = [stored.pairs[k] for k in frame_slice(frames, len(stored.pairs))]
         name = sequence_name(stored.folder)
+        lasts_s = pairs[-1].stamp_s - pairs[0].stamp_s
+        if not 0 <= skip_s <= lasts_s:
+            expected = f"a time within the {lasts_s:.6g} s of the sequence"
+            raise InputError(expected, path=name, setting="skip", found=skip_s)
         imu = None
         if stored.imu is not None:
             imu = stored.imu.stream.around(pairs[0].stamp_s, pairs[-1].stamp_s)
-        return cls(name, tuple(pairs), stored.camera, stored.truth, imu)
+        return cls(name, tuple(pairs), stored.camera, stored.truth, imu, skip_s)
 
     @property
     def stamps_s(self) -> np.ndarray:

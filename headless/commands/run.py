@@ -56,6 +56,8 @@ def configure(parser: ArgumentParser) -> None:
         metavar="OUT",
         help="default: out/systems",
     )
+    help = "leave the first SECONDS out of the errors; the system sees them all the same"
+    add("--skip", type=float, default=0.0, metavar="SECONDS", help=help)
     _add_system_options(parser)
     add_frames(parser, FRAMES)
     add(
@@ -121,7 +123,7 @@ def _experiments(args: Namespace, system: System, console: Console) -> list[Syst
     experiments = []
     for folder in args.folders:
         stored = opened_with_camera(args, folder)
-        sequence = StagedSequence.of(stored, args.frames)
+        sequence = StagedSequence.of(stored, args.frames, args.skip)
         if system.settings.stage.imu:
             sequence.imu_text(system.settings.stage)  # refused before the work
         note_sequence(stored, console)

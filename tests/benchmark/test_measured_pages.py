@@ -297,6 +297,22 @@ PRINTED = {
     "experiment sensors": {
         "cells": [{"variant": "d435", "missing_share": 0.05, "ate_m": {"icp": 0.002, "dvo": None}}]
     },
+    "experiment inertial": {
+        "cells": [
+            {
+                "sequence": f"office/{name}",
+                "variant": f"black/{mode}",
+                "ate_m": ates_m,
+                "coverage": [0.8, 0.6, 0.3],
+            }
+            for name, mode, ates_m in (
+                ("kt1", "rgbd", [0.05, None, 0.03]),
+                ("kt1", "rgbd-inertial", [0.01, 0.03, 0.03]),
+                ("kt2", "rgbd", [0.2, 0.2, 0.2]),
+                ("kt2", "rgbd-inertial", [0.02, 0.2, 0.01]),
+            )
+        ]
+    },
     "fuse out": {"memory_mb": 280.0, "parts_out_of_window": 0},
     "evaluate surface": {
         "distance_m": dict.fromkeys(("mean", "median", "std", "min", "max"), 0.0005)
@@ -337,18 +353,32 @@ def test_what_the_commands_print_becomes_rows_of_the_same_length(one):
 
 
 def test_runs_with_an_imu_stand_beside_those_without_and_lost_ones_do_not_count():
-    without, with_imu = (json.loads(json.dumps(PRINTED["run orbslam3"])) for _ in range(2))
-    for run in without["results"][0]["runs"][0]["each"]:
-        run |= {"ate_rmse_m": 0.008, "matched": 60}
-    _, row = COMMAND_TABLES["systems-inertial"].rows([without, with_imu])
+    without, with_imu, later = (json.loads(json.dumps(PRINTED["run orbslam3"])) for _ in range(3))
+    for printed, ate_m in ((without, 0.008), (later, 0.002)):
+        for run in printed["results"][0]["runs"][0]["each"]:
+            run |= {"ate_rmse_m": ate_m, "matched": 60}
+    _, row = COMMAND_TABLES["systems-inertial"].rows([without, with_imu, without, later])
     assert row == [
         "office kt2 clean",
         "8 (8 to 8)",
         "11 (10 to 12)",
         "1.38",
+        "8 (8 to 8)",
+        "2 (2 to 2)",
+        "0.25",
         "2.6 (2.5 to 2.7) s, 3 of 4 runs",
         "4 of 4 and 2 of 4",
     ]
+
+
+def test_runs_whose_images_fail_count_within_the_bounds_of_stress():
+    found = [PRINTED["experiment inertial"]] * 2
+    _, *rows = COMMAND_TABLES["systems-failing"].rows(found)
+    assert rows[:2] == [
+        ["15 s", "office kt1", "black", "1 of 3", "50", "60%", "2 of 3", "20", "60%"],
+        ["15 s", "office kt2", "black", "0 of 3", "-", "60%", "1 of 3", "20", "60%"],
+    ]
+    assert rows[2:] == [["20 s", *row[1:]] for row in rows[:2]]
 
 
 def test_a_table_that_is_measured_becomes_a_cell_and_the_page(tmp_path, monkeypatch):

@@ -34,6 +34,8 @@ elif mode == "a second late":
     rows = [(row[0] + 1, *row[1:]) for row in rows]
 elif mode == "between frames":
     rows = [(row[0] + 0.0123, *row[1:]) for row in rows]
+elif mode == "starts late":
+    rows[:15] = [(row[0], row[1] + 1.0, *row[2:]) for row in rows[:15]]
 elif mode == "some NaN":
     rows[10:13] = [(row[0], *[float("nan")] * 7) for row in rows[10:13]]
 elif mode == "all NaN":

@@ -55,6 +55,25 @@ CASES = {
 SLOW = ("exit 3", "says why", "90 Hz", "twice", "nanoseconds", "stops at zero", "words")
 
 
+def test_what_is_skipped_is_run_but_not_in_the_errors(run, fake):
+    """The first 15 of 60 frames, from stamp 1 on, are a metre off."""
+    system = fake("starts late")
+    whole, _ = run(system)
+    assert whole["starts_late"]["ate_rmse_m"] > 0.1
+    rows, notes = run(system, "--skip", 0.5)
+    row = rows["starts_late"]
+    assert row["ate_rmse_m"] < 1e-4 and row["coverage"] == 1.0
+    assert "errors without the first 0.5 s" in row["notes"] and "are not repeated" in notes
+    rows, _ = run(system, "--skip", 0.46)  # the last of the 15 is at 0.467 s
+    assert rows["starts_late"]["ate_rmse_m"] > 0.1
+
+
+@pytest.mark.parametrize("skip", [-1, "nan", 2])
+def test_a_skip_outside_the_sequence_is_one_line(run, fake, skip):
+    _, text = run(fake("good"), "--skip", skip, code=2)
+    assert "a time within the 1.96667 s of the sequence" in text and text.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     "mode", [pytest.param(m, marks=pytest.mark.slow) if m in SLOW else m for m in CASES]
 )
