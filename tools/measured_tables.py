@@ -31,18 +31,20 @@ _INERTIAL = (
     f"run orbslam3 {' '.join(f'out/{name}/clean' for name in _SEQUENCES)} --frames :600 --runs 3 "
     "--program slam/bin/python --vocabulary ORBvoc.txt"
 )
-#: Second at which images begin to fail -> sequences and options: before and after ORB-SLAM3 has
-#: settled its IMU.
-_FAILING = {
-    15: (
+#: Second at which images begin to fail, before and after ORB-SLAM3 has settled its IMU; sequences;
+#: options.
+_FAILING = (
+    (
+        15,
         "out/living_room/kt1/noisy out/living_room/kt2/noisy out/office/kt2/noisy",
         "-o out/inertial",
     ),
-    20: (
+    (
+        20,
         "out/living_room/kt2/noisy out/office/kt2/noisy",
         "--set whole_s=20 --set kinds=black,frozen -o out/inertial_late",
     ),
-}
+)
 #: Title of the row, kind of sequence, options of `fuse`.
 _SURFACES = (
     ("clean, `best`", "clean", ""),
@@ -312,7 +314,7 @@ def _failing(found: Sequence[Any]) -> Rows:
     `iclnuim stress`, their median ATE, and the frames with a pose.
     """
     runs: dict[tuple[str, ...], dict[str, list[str]]] = {}
-    for starts_s, one in zip(_FAILING, found, strict=True):
+    for (starts_s, *_), one in zip(_FAILING, found, strict=True):
         for cell in one["cells"]:
             kind, mode = cell["variant"].split("/")
             each = list(zip(cell["ate_m"], cell["coverage"], strict=True))
@@ -323,7 +325,7 @@ def _failing(found: Sequence[Any]) -> Rows:
         " | with the IMU: good runs | ATE mm | frames with a pose"
     )
     modes = dict.fromkeys(chain(*runs.values()))
-    return words(header, ([*row, *chain(*(by[m] for m in modes))] for row, by in runs.items()))
+    return words(header, ([*row, *chain(*(runs[row][m] for m in modes))] for row in sorted(runs)))
 
 
 def _good(runs: Sequence[tuple[float | None, float]]) -> list[str]:
@@ -392,7 +394,7 @@ def _command_tables() -> Iterator[CommandTable]:
     options = "--frames :840 --workers 1 --set vocabulary=ORBvoc.txt --set program=slam/bin/python"
     failing = tuple(
         f"experiment inertial {sequences} {options} --set runs=3 {further}"
-        for sequences, further in _FAILING.values()
+        for _, sequences, further in _FAILING
     )
     yield CommandTable("systems-failing", failing, _failing)
     titles = [title for title, _, _ in _SURFACES]
