@@ -291,7 +291,7 @@ def test_inspection_tells_the_rate_gaps_and_frames_without_readings(written, tmp
 def test_inspection_holds_the_readings_against_the_poses(motion, tmp_path):
     poses = motion[0].trajectory[:40]
     stream = imu_on(motion[0], RATE_HZ, T_IMU_CAMERA).around(*poses.stamps_s[[0, -1]])
-    images = np.full((24, 32, 3), 0.5, np.float32), np.ones((24, 32), np.float32)
+    images = np.full((24, 32, 3), 0.5, np.float32), np.zeros((24, 32), np.float32)
     frames = frames_from(PinholeCamera.parse("32x24"), poses, lambda number: images)
     degrees = stream.readings * np.repeat([180 / np.pi, 1.0], 3)
     for name, readings in (("right", stream.readings), ("degrees", degrees)):
@@ -307,6 +307,7 @@ def test_inspection_holds_the_readings_against_the_poses(motion, tmp_path):
 def test_a_rate_that_a_file_says_and_the_stamps_do_not_is_told(written, tmp_path):
     folder = tmp_path / "sequence"
     shutil.copytree(written / "tum", folder)
+    (folder / "groundtruth.txt").unlink()
     about = folder / "imu.json"
     about.write_text(about.read_text().replace('"rate_hz": 200', '"rate_hz": 100'))
     said = " ".join(inspect_sequence(folder).warnings)
