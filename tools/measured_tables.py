@@ -4,11 +4,12 @@ which commands, and the rows that it becomes.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, product
+from itertools import chain, compress, product
 from statistics import geometric_mean, mean, median
 from string import Formatter
 from typing import Any
 
+from iclnuim.benchmark.experiments.recipes.inertial import succeeded
 from iclnuim.benchmark.perturbations.plan import Bounds
 
 _PICTURES = "docs/measured/pictures"
@@ -295,7 +296,7 @@ def _inertial(found: Sequence[Any]) -> Rows:
         times_s = [r["initialised_s"] for r in runs[1] if r["initialised_s"] is not None]
         initialised = f"{_spread(times_s, '.1f')} s, {len(times_s)} of {len(runs[1])} runs"
         counts = " and ".join(
-            f"{len(ate_m)} of {len(each)}" for ate_m, each in zip(ates_m[:2], runs, strict=False)
+            f"{len(ates)} of {len(each)}" for ates, each in zip(ates_m[:2], runs[:2], strict=True)
         )
         rows.append((_plain(results[0]["sequence"]), *whole, *from_5_s, initialised, counts))
     return words(header, rows)
@@ -317,9 +318,8 @@ def _failing(found: Sequence[Any]) -> Rows:
     for (starts_s, *_), one in zip(_FAILING, found, strict=True):
         for cell in one["cells"]:
             kind, mode = cell["variant"].split("/")
-            each = list(zip(cell["ate_m"], cell["coverage"], strict=True))
             row = (f"{starts_s} s", _plain(cell["sequence"]), kind)
-            runs.setdefault(row, {})[mode] = _good(each)
+            runs.setdefault(row, {})[mode] = _good(cell)
     header = (
         "failing from | sequence | images | RGB-D: good runs | ATE mm | frames with a pose"
         " | with the IMU: good runs | ATE mm | frames with a pose"
@@ -328,18 +328,13 @@ def _failing(found: Sequence[Any]) -> Rows:
     return words(header, ([*row, *chain(*(runs[row][m] for m in modes))] for row in sorted(runs)))
 
 
-def _good(runs: Sequence[tuple[float | None, float]]) -> list[str]:
-    """How many of the runs are within the bounds, the median of their errors, and the median share
-    of frames with a pose of all runs.
+def _good(cell: Mapping[str, Any]) -> list[str]:
+    """How many runs of a cell are within the bounds, the median of their errors, and the median
+    share of frames with a pose of all runs.
     """
-    bounds = Bounds()
-    good_m = [
-        ate_m
-        for ate_m, coverage in runs
-        if ate_m is not None and ate_m <= bounds.success_m and coverage >= bounds.min_coverage
-    ]
+    good_m = list(compress(cell["ate_m"], succeeded(cell)))
     ate = f"{1e3 * median(good_m):.3g}" if good_m else "-"
-    return [f"{len(good_m)} of {len(runs)}", ate, f"{median(one[1] for one in runs):.0%}"]
+    return [f"{len(good_m)} of {len(cell['ate_m'])}", ate, f"{median(cell['coverage']):.0%}"]
 
 
 def _tracked(final: Any) -> list[Any]:

@@ -171,7 +171,7 @@ class Inertial(Experiment):
         by_row: dict[tuple[str, str], dict[str, str]] = {}
         for one in results:
             kind, mode = one.key.variant.split("/")
-            good = sum(_succeeded(one.figures))
+            good = sum(succeeded(one.figures))
             ratio[mode][0] += good
             ratio[mode][1] += len(one.figures["ate_m"])
             known = [1e9 if value is None else value for value in one.figures["ate_m"]]
@@ -194,7 +194,8 @@ def _readings(one: Input) -> SequenceImu:
     return imu
 
 
-def _succeeded(figures: Mapping[str, Any]) -> Iterator[bool]:
+def succeeded(figures: Mapping[str, Any]) -> Iterator[bool]:
+    """Whether each run of a cell is within the bounds of `iclnuim stress`."""
     bounds = Bounds()
     for ate_m, coverage in zip(figures["ate_m"], figures["coverage"], strict=True):
         yield ate_m is not None and ate_m <= bounds.success_m and coverage >= bounds.min_coverage
