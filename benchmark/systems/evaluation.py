@@ -78,8 +78,8 @@ def evaluate_run(
     target = run / "matched" / f"{name}.txt"
     write_trajectory(target, found, "tum")
     trajectory = read_trajectory(target, "tum").trajectory
-    measured = _measured if system.settings.has_scale else _measured_without_scale
-    return replace(measured(sequence, trajectory, notes), initialised_s=initialised_s)
+    measured = _measured(sequence, system, trajectory, notes)
+    return replace(measured, initialised_s=initialised_s)
 
 
 def _initialised(
@@ -183,13 +183,20 @@ def _truth(sequence: StagedSequence, notes: list[str]) -> Trajectory | None:
     return truth[truth.stamps_s >= sequence.stamps_s[0] + sequence.skip_s - 1e-9]
 
 
-def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> Evaluation:
+def _measured(
+    sequence: StagedSequence, system: System, found: Trajectory, notes: list[str]
+) -> Evaluation:
     coverage = len(found) / len(sequence.pairs)
     if coverage < _WHOLE:
         notes.insert(0, f"covers {coverage:.0%} of the frames")
     truth = _truth(sequence, notes)
     if truth is None:
         return Evaluation(len(found), None, None, tuple(notes))
+    errors = _errors if system.settings.has_scale else _errors_without_scale
+    return errors(truth, found, notes)
+
+
+def _errors(truth: Trajectory, found: Trajectory, notes: list[str]) -> Evaluation:
     ate_m = None
     rpe_m = None
     try:
@@ -206,16 +213,8 @@ def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> 
     return Evaluation(len(found), ate_m, rpe_m, tuple(notes))
 
 
-def _measured_without_scale(
-    sequence: StagedSequence, found: Trajectory, notes: list[str]
-) -> Evaluation:
-    """As _measured(), after an alignment by Sim(3), with a note on the scale."""
-    coverage = len(found) / len(sequence.pairs)
-    if coverage < _WHOLE:
-        notes.insert(0, f"covers {coverage:.0%} of the frames")
-    truth = _truth(sequence, notes)
-    if truth is None:
-        return Evaluation(len(found), None, None, tuple(notes))
+def _errors_without_scale(truth: Trajectory, found: Trajectory, notes: list[str]) -> Evaluation:
+    """As _errors(), after an alignment by Sim(3), with a note on the scale."""
     try:
         settings = AbsoluteErrorSettings(alignment=AlignmentSettings("sim3"))
         error = absolute_error(truth, found, settings)
