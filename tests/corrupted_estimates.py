@@ -9,7 +9,7 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+REPOSITORY = Path(__file__).resolve().parents[1]
 ROOMS = sorted((REPOSITORY / "trajectories").glob("*/*.txt"))
 FLIPPED = np.diag([1.0, -1.0, -1.0])
 #: Columns: the axes of another body in those of a cv camera.
