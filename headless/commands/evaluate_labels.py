@@ -64,10 +64,6 @@ def add_classes(parser: ArgumentParser) -> None:
 def run(args: Namespace, console: Console) -> None:
     from iclnuim.labels.errors import label_errors
 
-    if args.plot:
-        from iclnuim.formats.files import check_picture
-
-        check_picture(args.plot)
     found = label_errors(args.folder, args.truth, args.classes, console.progress)
     if args.csv:
         atomic_write_text(args.csv, found.csv())

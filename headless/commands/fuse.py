@@ -47,6 +47,8 @@ def configure(parser: ArgumentParser) -> None:
 def run(args: Namespace, console: Console) -> None:
     if args.out.suffix.lower() != ".ply":
         raise InputError("a mesh named *.ply", path=args.out)
+    if args.plot and args.plot.suffix.lower() != ".png":
+        raise InputError("a picture named *.png", path=args.plot)
     recipe_file = args.out.with_suffix(_RECIPE)
     check_file(args.out)
     check_file(recipe_file)

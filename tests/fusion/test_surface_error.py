@@ -495,6 +495,7 @@ def test_empty_clouds_and_nan_points_are_refused_in_one_line(tmp_path, points, m
     ("options", "match"),
     [
         (("-o", "m.obj"), "ply"),
+        (("-o", "m.ply", "--plot", "m.jpg"), "png"),
         (("-o", "nowhere/m.ply"), "folder to write into"),
         (("-o", "m.ply", "--preset", "other"), "a preset"),
         (("-o", "m.ply", "--poses", "far.txt"), "images that have a pose"),
