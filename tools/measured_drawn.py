@@ -2,7 +2,7 @@
 
 import csv
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from pathlib import Path
@@ -238,15 +238,37 @@ def correlations(cells: PublishedCells) -> Rows:
     return _rows(correlation_table(cells.benchmark()))
 
 
+def papers_methods(cells: PublishedCells) -> Rows:
+    """ATE in mm of the paper's methods, next to the printed ones."""
+    ours = Ours(cells.benchmark(), "paper")
+    rows = []
+    for condition, places in _conditions():
+        for name in paper_odometers():
+            wheres = [Where(*place, name) for place in places]
+            beside = _beside(map(ours.ate, wheres), map(Printed().ate, wheres))
+            rows.append([condition, name, *beside])
+    return words(f"ATE, mm | | {_PRINTED}", filter(_has_ours, rows))
+
+
 def against_model(cells: PublishedCells) -> Rows:
-    """ATE in mm of icp and icp_rgbd against a model, next to the printed ones."""
+    """ATE in mm of icp and icp_rgbd against a model, next to those against keyframes."""
     ours = Ours(cells.benchmark())
     rows = []
-    for room, noise, name in product(("living_room", "office"), NOISES, ("icp", "icp_rgbd")):
-        wheres = [Where(room, kt, noise, name) for kt in TRAJECTORY_NAMES]
-        beside = _beside(map(ours.ate, wheres), map(Printed().ate, wheres))
-        rows.append([f"{room.replace('_', ' ')} {noise}", name, *beside])
-    return words(f"ATE, mm | | {_PRINTED}", filter(_has_ours, rows))
+    for condition, places in _conditions():
+        for name in ("icp", "icp_rgbd"):
+            beside = []
+            for place, reference in product(places, ("model", "default")):
+                beside.append(_or_not(ours.ate(Where(*place, name, reference))))
+            rows.append([condition, name, *beside])
+    header = " | ".join(f"{kt} | keyframes" for kt in TRAJECTORY_NAMES)
+    return words(f"ATE, mm | | {header}", filter(_has_ours, rows))
+
+
+def _conditions() -> Iterator[tuple[str, list[tuple[str, str, str]]]]:
+    """The conditions of Tables III to VI in words, with the places of their four sequences."""
+    for noise, room in product(NOISES, ("living_room", "office")):
+        places = [(room, kt, noise) for kt in TRAJECTORY_NAMES]
+        yield f"{room.replace('_', ' ')} {noise}", places
 
 
 def surfaces(cells: PublishedCells) -> Rows:
@@ -553,6 +575,7 @@ DRAWN: dict[str, Drawn] = {
         for number, preset in product(range(2, 8), ("paper", "best"))
     },
     "tables-figures": paper_figures,
+    "benchmark-paper": papers_methods,
     "benchmark-model": against_model,
     "benchmark-seeds": noise_seeds,
     "benchmark-surfaces": surfaces,
