@@ -149,9 +149,8 @@ def measured(table: CommandTable) -> PublishedCell:
 
 def _run(recipe: dict[str, Any], command: str) -> Run:
     """The run of a recipe as the store writes it."""
-    machine = recipe["machine"]
     commit = (recipe["source_commit"] or "unknown")[:8]
-    return Run(commit, f"{machine['cores']} cores, {machine['system']}", command)
+    return Run(commit, f"{recipe['machine']['cores']} cores", command)
 
 
 def take(cells: PublishedCells, folder: Path) -> int:
