@@ -46,7 +46,7 @@ from iclnuim.benchmark.experiments.store import Store, made_by
 from iclnuim.benchmark.perturbations.plan import BASES, CLEAN, NOISY, SEVERITIES, read_plan
 from iclnuim.errors import InputError
 from iclnuim.report.charts import save
-from iclnuim.shipped import trajectory_file
+from iclnuim.shipped import paper_sequences, trajectory_file
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
 checkout.load("iclnuim.tools", "measuring pages")
@@ -219,9 +219,12 @@ def draw_charts(cells: PublishedCells) -> None:
 
 def draw_paper_figures(folder: Path) -> None:
     """The paper's figures 5 to 9 that the pictures in a benchmark's folder allow, of the preset
-    `paper` if it has their cells.
+    `paper` if it has their cells; none from a folder of some of the sequences, which would leave
+    holes.
     """
     results = [r for r in Store(folder, BENCHMARK).read_all(PaperKey) if r.folder.is_dir()]
+    if not set(paper_sequences()) <= {f"{r.key.room}/{r.key.trajectory}" for r in results}:
+        return
     for number in _PAPER_FIGURES:
         for preset in ("paper", "best"):
             try:
