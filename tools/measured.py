@@ -302,7 +302,7 @@ def _missing(
         valid = cell is not None and cell.code in ("", code_hash(code_of_trajectory(key)))
         if cell is None or not valid or (surface and "surface" not in cell.figures):
             only = f"{key.room}/{key.trajectory}{words}"
-            core_s = _frames(f"{key.room}/{key.trajectory}") * core_seconds(key, surface)
+            core_s = _frames(f"{key.room}/{key.trajectory}") * core_seconds(key, True, surface)
             count, total_s = by_sequence.get(only, (0, 0.0))
             by_sequence[only] = (count + 1, total_s + core_s)
     for only, (count, total_s) in by_sequence.items():

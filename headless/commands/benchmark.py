@@ -10,7 +10,6 @@ from iclnuim.benchmark.experiments.recipes.paper.keys import (
     PRESETS,
     all_keys,
     chosen,
-    core_seconds,
     lambertian_keys,
 )
 from iclnuim.benchmark.experiments.table import FORMATS, write_tables
@@ -100,7 +99,8 @@ def _add_cells(parser: ArgumentParser) -> None:
     )
     add("--references", type=_words, default=[], metavar="R,R", help=help)
     help = (
-        "measure trajectories only: Tables III to VI; surfaces that are measured already are kept"
+        "measure trajectories only: Tables III to VI; surfaces that are measured already are kept, "
+        "and missing ones can be measured later, along the trajectories"
     )
     add("--no-surfaces", action="store_true", help=help)
 
@@ -177,9 +177,8 @@ def _work(paper: "Paper", store: "Store", workers: int) -> PlannedWork:
     counts: dict[str, tuple[int, float]] = {}
     for cell in missing:
         kind = f"{cell.key.preset}, {cell.key.reference}"
-        frames = paper.sources.frames(cell.key, paper.first)
         count, core_s = counts.get(kind, (0, 0.0))
-        counts[kind] = (count + 1, core_s + frames * core_seconds(cell.key, paper.surfaces))
+        counts[kind] = (count + 1, core_s + paper.core_seconds(cell, store))
     what = f"{len(missing)} of {len(cells)} cells to measure, {workers} processes"
     for kind, (count, core_s) in counts.items():
         what += f"; {kind}: {count} cells, {core_s / 3600:.1f} core-hours"

@@ -24,7 +24,7 @@ def test_no_odometer_takes_twice_as_long_as_expected_or_the_slowest_half(cells):
     for found in cells:
         times = found.figures.get("times", {})
         if "track_s" in times:
-            expected_s = found.figures["frames"] * core_seconds(found.key, surface=False)
+            expected_s = found.figures["frames"] * core_seconds(found.key, True, surface=False)
             kind = (found.key.preset, found.key.reference == "model")
             took[kind][found.key.odometer].append(times["track_s"] / expected_s)
     for of_odometers in took.values():
@@ -38,7 +38,7 @@ def test_a_cell_with_its_surface_takes_as_long_as_expected(cells):
         times = found.figures.get("times", {})
         if "surface" in found.figures and "cpu_s" in times:
             each_s = times["cpu_s"] / found.figures["frames"]
-            took.append(each_s / core_seconds(found.key, surface=True))
+            took.append(each_s / core_seconds(found.key, True, surface=True))
     assert 0.67 < mean(took) < 1.5
 
 

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from iclnuim.benchmark.experiments import code_version
+from iclnuim.benchmark.experiments.recipes.paper import surface as paper_surface
 from iclnuim.benchmark.experiments.recipes.paper.keys import LAMBERTIAN, PaperKey
 from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND, Paper
 from iclnuim.benchmark.experiments.recipes.paper.sources import Sources, external_keys
 from iclnuim.benchmark.experiments.store import Store
 from iclnuim.console import Console
+from iclnuim.errors import InputError
 from iclnuim.formats.png import write_png
 
 KT2 = PaperKey("living_room", "kt2", "clean", "icp", "best", "default")
@@ -199,4 +201,71 @@ def test_a_room_whose_triangles_cannot_be_read_has_no_surface_until_they_can(
     notes, steps = measure(paper, store)
     assert "surfaces of living_room are not measured: no Blender" in notes[1] and steps == 0
     assert len(store.missing(paper.cells())) == len(keys) == len(store.read_all(PaperKey)) == 2
-    assert "; 2 have a trajectory only" in measure(paper, store)[0][0]
+    assert "; of 2 only the surface is missing" in measure(paper, store)[0][0]
+
+
+@pytest.fixture
+def tracked(sources, store, monkeypatch):
+    """A cell without a surface; its trajectory is moved, so that it is told from the truth."""
+    monkeypatch.setattr(Sources, "model_name", lambda *_: KT2.room)
+    monkeypatch.setattr(Sources, "model", lambda *_: Path("model.npz"))
+    (cell,) = Paper(sources, [KT2], {}, surfaces=False).cells()
+    with store.files(cell) as folder:
+        (folder / "trajectory.txt").write_text("1 7 0 0 0 0 0 1\n2 8 0 0 0 0 0 1\n")
+    store.write(cell, {"ate_m": {"rmse": 0.1}, "times": {"track_s": 2.0, "cpu_s": 3.0}})
+    return store.read([cell])[0]
+
+
+def test_a_surface_is_added_along_the_stored_trajectory(sources, store, tracked, monkeypatch):
+    def measure_surface(task, truth, trajectory, folder, meter):
+        (folder / "heat.jpg").write_text("drawn")
+        meter.advance(60)
+        return {"vertices": float(trajectory.positions_m[:, 0].sum()), "times": {"fuse_s": 4.0}}
+
+    monkeypatch.setattr(paper_surface, "measure_surface", measure_surface)
+    before = (tracked.folder / "trajectory.txt").stat().st_mtime_ns
+    notes, steps = measure(Paper(sources, [KT2], {}), store)
+    assert notes[0].endswith("; of 1 only the surface is missing") and steps == 60
+    (found,) = store.read(Paper(sources, [KT2], {}).cells())
+    assert found.figures["surface"] == {"vertices": 15.0}
+    assert found.figures["ate_m"] == {"rmse": 0.1}
+    times = found.figures["times"]
+    assert times["track_s"] == 2.0 and times["fuse_s"] == 4.0 and times["cpu_s"] >= 3.0
+    assert (tracked.folder / "trajectory.txt").stat().st_mtime_ns == before
+    assert (tracked.folder / "heat.jpg").is_file()
+
+
+def test_a_surface_that_fails_or_is_killed_leaves_the_trajectory(
+    sources, store, tracked, monkeypatch
+):
+    paper, bare = Paper(sources, [KT2], {}), Paper(sources, [KT2], {}, surfaces=False)
+
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(paper_surface, "measure_surface", killed)
+    with pytest.raises(KeyboardInterrupt):
+        measure(paper, store)
+    assert store.read(bare.cells())[0].figures == tracked.figures
+
+    def fails(*_):
+        raise InputError("a surface", found="nothing")
+
+    monkeypatch.setattr(paper_surface, "measure_surface", fails)
+    measure(paper, store)
+    (found,) = store.read(paper.cells())
+    assert "expected a surface" in found.figures["failed"] and "ate_m" in found.figures
+
+
+@pytest.mark.parametrize("changed", ["no file", "failed"])
+def test_what_has_no_trajectory_is_tracked(sources, store, tracked, changed):
+    paper = Paper(sources, [KT2], {})
+    (cell,) = paper.cells()
+    assert paper.tracked(cell, store) is not None
+    only_surface_s = paper.core_seconds(cell, store)
+    if changed == "no file":
+        (tracked.folder / "trajectory.txt").unlink()
+    else:
+        store.write(replace(cell, identity=tracked.identity), {"failed": "lost", "times": {}})
+    assert paper.tracked(cell, store) is None
+    assert paper.core_seconds(cell, store) > only_surface_s > 0

@@ -178,7 +178,9 @@ def fuse_settings(key: PaperKey, first: int | None) -> fusion.FuseSettings:
     return fusion.FuseSettings(volume, min_weight, f":{first or ''}")
 
 
-def core_seconds(key: PaperKey, surface: bool) -> float:
-    """Expected core-seconds of a frame of a cell. surface: it is also fused and compared."""
+def core_seconds(key: PaperKey, tracks: bool, surface: bool) -> float:
+    """Expected core-seconds of a frame of a cell. tracks: its trajectory is estimated; surface: it is
+    fused and compared.
+    """
     track_s = 0.0 if key.external else _TRACK_CORE_S[key.preset, key.reference == "model"]
-    return track_s + surface * _FUSE_CORE_S
+    return tracks * track_s + surface * _FUSE_CORE_S

@@ -14,12 +14,15 @@ from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.sequences.stored_sequence import StoredSequence
 from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
+from ...cell import Measured
 from ...memory import peak_mb, reset_peak
 from .keys import Meter, PaperTask
 
 #: Number of trajectory points stored for charts.
 _DRAWN = 300
 _SECOND = RelativeErrorSettings(1.0, "seconds")
+#: The file of the estimated trajectory in the folder of a cell.
+TRAJECTORY = "trajectory.txt"
 
 
 def measure(task: PaperTask, folder: Path, advance: Callable[[int], object]) -> dict[str, Any]:
@@ -52,6 +55,35 @@ def measure(task: PaperTask, folder: Path, advance: Callable[[int], object]) -> 
     times["cpu_s"] = time.process_time() - started
     if (memory_mb := peak_mb()) is not None:
         times["peak_mb"] = memory_mb
+    return {**figures, "times": times}
+
+
+def measure_only_surface(
+    task: PaperTask, tracked: Measured, advance: Callable[[int], object]
+) -> dict[str, Any]:
+    """The figures of a cell that is measured without a surface, and its surface, fused along the
+    trajectory as it is stored, to nanometres. The pictures are added to the cell's folder.
+    """
+    figures = {name: value for name, value in tracked.figures.items() if name != "surface"}
+    if not task.model:
+        return figures
+    started = time.process_time()
+    reset_peak()
+    times = dict(figures["times"])
+    truth = StoredSequence(task.folder).truth
+    assert truth is not None, "the trajectory was compared with it"
+    trajectory = read_trajectory(tracked.folder / TRAJECTORY).trajectory
+    try:
+        from .surface import measure_surface
+
+        found = measure_surface(task, truth, trajectory, tracked.folder, Meter(advance))
+        times |= found.pop("times")
+        figures["surface"] = found
+    except (InputError, WorkError) as problem:
+        figures["failed"] = problem.worded()
+    times["cpu_s"] += time.process_time() - started
+    if (memory_mb := peak_mb()) is not None:
+        times["peak_mb"] = max(memory_mb, times.get("peak_mb", 0.0))
     return {**figures, "times": times}
 
 

@@ -16,14 +16,14 @@ from typing import Any
 from iclnuim.benchmark.fusion.settings import QualitySettings
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
-from iclnuim.formats.files import sha256
+from iclnuim.formats.files import is_file, sha256
 
 from ...cell import Cell, Measured
 from ...code_version import code_of, method_code
 from ...pool import Advance, Job, compile_first, run_jobs
 from ...store import Store
-from .keys import PaperKey, PaperTask, fuse_settings
-from .measure import measure
+from .keys import PaperKey, PaperTask, core_seconds, fuse_settings
+from .measure import TRAJECTORY, measure, measure_only_surface
 from .sources import Sources
 
 KIND = "benchmark"
@@ -99,8 +99,8 @@ class Paper:
         missing = store.missing(cells)
         measured = len(cells) - len(missing)
         text = f"benchmark: {len(cells)} cells, {measured} of them already measured"
-        if again := self._without_surface(store, missing):
-            text += f"; {again} have a trajectory only, and are measured again with the surface"
+        if tracked := sum(self.tracked(cell, store) is not None for cell in missing):
+            text += f"; of {tracked} only the surface is missing"
         if self.systems:
             text += f"; {len(self.systems)} of iclnuim run"
         console.note(text)
@@ -132,10 +132,21 @@ class Paper:
             self.sources.remove_work()
         return problems
 
-    def _without_surface(self, store: Store, missing: Sequence[Cell]) -> int:
-        """Number of the missing cells of which only the surface is missing."""
-        bare = replace(self, surfaces=False)
-        return len(missing) - len(store.missing([bare._cell(cell.key) for cell in missing]))
+    def tracked(self, cell: Cell, store: Store) -> Measured | None:
+        """The same cell as it was measured without a surface: its trajectory need not be estimated
+        again.
+        """
+        found = store.read([replace(self, surfaces=False)._cell(cell.key)])
+        if not found or not is_file(found[0].folder / TRAJECTORY) or "failed" in found[0].figures:
+            return None
+        return found[0]
+
+    def core_seconds(self, cell: Cell, store: Store) -> float:
+        """Expected core-seconds of a missing cell."""
+        tracks = self.tracked(cell, store) is None
+        return self.sources.frames(cell.key, self.first) * core_seconds(
+            cell.key, tracks, self.surfaces
+        )
 
     def _with_models(self, cells: Sequence[Cell], console: Console) -> list[Cell]:
         """The cells, without a model where its triangles cannot be read: no surface is measured,
@@ -157,15 +168,20 @@ class Paper:
         return found
 
     def _job(self, cell: Cell, store: Store) -> Job:
-        """The frames of a cell are tracked, and fused."""
+        """The frames of a cell are tracked, if they are not yet, and fused."""
         task = self._task(cell)
+        tracked = self.tracked(cell, store)
 
         def measure_cell(advance: Advance) -> None:
-            with store.files(cell) as folder:
-                figures = measure(task, folder, advance)
+            if tracked:
+                figures = measure_only_surface(task, tracked, advance)
+            else:
+                with store.files(cell) as folder:
+                    figures = measure(task, folder, advance)
             store.write(cell, figures)
 
-        passes = (task.model is not None) + (task.trajectory is None)
+        tracks = tracked is None and task.trajectory is None
+        passes = (task.model is not None) + tracks
         return Job(cell.key.place, measure_cell, passes * self.sources.frames(cell.key, self.first))
 
     def _task(self, cell: Cell) -> PaperTask:
