@@ -154,10 +154,15 @@ def _run(recipe: dict[str, Any], command: str) -> Run:
 
 
 def take(cells: PublishedCells, folder: Path) -> int:
-    """Put in the cells of a store; returns their number."""
+    """Put in the cells of a store; returns their number. Says which ones take a surface away."""
     recipe = _recipe(folder)
     kind = recipe["kind"]
     results = Store(folder, kind).read_all(_KEYS[kind])
+    there = {one.key for one in cells.benchmark() if "surface" in one.figures}
+    for one in results:
+        if one.key in there and "surface" not in one.figures:
+            hint = "iclnuim benchmark without --no-surfaces adds it"
+            print(f"{one.key.place}: replaces a cell with a surface; {hint}", file=sys.stderr)
     cells.add(results, kind, _run(recipe, f"iclnuim {kind}"))
     return len(results)
 

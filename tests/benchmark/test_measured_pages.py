@@ -141,17 +141,46 @@ def test_cells_keep_their_bytes_and_a_line_that_is_none_is_named(cells, tmp_path
 def test_cells_of_a_benchmark_are_taken_with_their_code_and_input(tmp_path):
     keys = all_keys()[:3]
     out = written(tmp_path / "out", [result(key, 0.0123456789) for key in keys])
-    for file in out.rglob("*.cell.json"):
-        content = json.loads(file.read_text())
-        content["identity"] = {"input": {"sha256": "a"}, "code": "b", "method_code": "c"}
-        file.write_text(json.dumps(content))
     cells = PublishedCells()
-    assert measured.take(cells, out) == 3
+    assert measured.take(cells, with_inputs(out)) == 3
     (first, *_) = cells.cells.values()
     assert first.figures["ate_m"]["rmse"] == 0.0123457 and "path" not in first.figures
     assert first.code == code_hash({"code": "other", "method_code": "c"}) and first.input
     assert first.code != code_hash({"code": "b", "method_code": "d"})
     assert [r.key for r in cells.benchmark()] == sorted(keys, key=lambda key: key.place)
+
+
+def test_a_cell_that_takes_a_surface_away_is_named(tmp_path, capsys):
+    with_surface, without = all_keys()[:2]
+    cells = PublishedCells()
+    for key, surface_m in ((with_surface, 0.02), (without, None)):
+        out = written(tmp_path / key.place, [result(key, 0.01, surface_m)])
+        assert measured.take(cells, with_inputs(out)) == 1
+        assert not capsys.readouterr().err
+    out = written(tmp_path / "bare", [result(key, 0.01) for key in (with_surface, without)])
+    assert measured.take(cells, with_inputs(out)) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{with_surface.place}: replaces a cell with a surface; iclnuim bench")
+
+
+def test_a_folder_of_some_sequences_draws_none_of_the_papers_figures(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(measured, "draw", lambda number, *_: drawn.append(number))
+    monkeypatch.setattr(measured, "save", lambda *_: None)
+    found = [result(key, 0.01) for key in all_keys()]
+    measured.draw_paper_figures(written(tmp_path / "some", only(found, room="office")))
+    assert drawn == []
+    measured.draw_paper_figures(written(tmp_path / "all", found))
+    assert drawn == [5, 6, 7, 8, 9]
+
+
+def with_inputs(out):
+    """The folder, whose cells have an identity as measured ones have."""
+    for file in out.rglob("*.cell.json"):
+        content = json.loads(file.read_text())
+        content["identity"] = {"input": {"sha256": "a"}, "code": "b", "method_code": "c"}
+        file.write_text(json.dumps(content))
+    return out
 
 
 def test_cells_of_a_stress_are_taken_with_their_base(tmp_path, monkeypatch):

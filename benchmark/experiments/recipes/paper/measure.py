@@ -35,34 +35,25 @@ def measure(task: PaperTask, folder: Path, advance: Callable[[int], object]) -> 
     reset_peak()
     times: dict[str, float] = {}
     figures: dict[str, Any] = {}
-    sequence = StoredSequence(task.folder)
-    truth = sequence.truth
-    if truth is None:
-        raise InputError("a ground truth in the folder", path=task.folder, found="none")
+    truth = _truth(task)
     try:
-        trajectory = _motion(task, sequence, Meter(advance), figures, times)
-        write_trajectory(folder / "trajectory.txt", trajectory, "tum")
+        trajectory = _motion(task, StoredSequence(task.folder), Meter(advance), figures, times)
+        write_trajectory(folder / TRAJECTORY, trajectory, "tum")
         error = absolute_error(truth, trajectory)
         figures |= _trajectory_figures(truth, trajectory, error)
         figures["path"] = _drawn(truth, error, task.first)
         if task.model:
-            from .surface import measure_surface
-
-            figures["surface"] = measure_surface(task, truth, trajectory, folder, Meter(advance))
-            times |= figures["surface"].pop("times")
+            _add_surface(task, truth, folder, advance, figures, times)
     except (InputError, WorkError) as problem:
         figures["failed"] = problem.worded()
-    times["cpu_s"] = time.process_time() - started
-    if (memory_mb := peak_mb()) is not None:
-        times["peak_mb"] = memory_mb
-    return {**figures, "times": times}
+    return {**figures, "times": _with_costs(times, started)}
 
 
 def measure_only_surface(
     task: PaperTask, tracked: Measured, advance: Callable[[int], object]
 ) -> dict[str, Any]:
-    """The figures of a cell that is measured without a surface, and its surface, fused along the
-    trajectory as it is stored, to nanometres. The pictures are added to the cell's folder.
+    """The figures of a cell that is measured without a surface, and its surface; the pictures are
+    added to the cell's folder.
     """
     figures = {name: value for name, value in tracked.figures.items() if name != "surface"}
     if not task.model:
@@ -70,21 +61,45 @@ def measure_only_surface(
     started = time.process_time()
     reset_peak()
     times = dict(figures["times"])
-    truth = StoredSequence(task.folder).truth
-    assert truth is not None, "the trajectory was compared with it"
-    trajectory = read_trajectory(tracked.folder / TRAJECTORY).trajectory
     try:
-        from .surface import measure_surface
-
-        found = measure_surface(task, truth, trajectory, tracked.folder, Meter(advance))
-        times |= found.pop("times")
-        figures["surface"] = found
+        _add_surface(task, _truth(task), tracked.folder, advance, figures, times)
     except (InputError, WorkError) as problem:
         figures["failed"] = problem.worded()
-    times["cpu_s"] += time.process_time() - started
-    if (memory_mb := peak_mb()) is not None:
-        times["peak_mb"] = max(memory_mb, times.get("peak_mb", 0.0))
-    return {**figures, "times": times}
+    return {**figures, "times": _with_costs(times, started)}
+
+
+def _truth(task: PaperTask) -> Trajectory:
+    truth = StoredSequence(task.folder).truth
+    if truth is None:
+        raise InputError("a ground truth in the folder", path=task.folder, found="none")
+    return truth
+
+
+def _add_surface(
+    task: PaperTask,
+    truth: Trajectory,
+    folder: Path,
+    advance: Callable[[int], object],
+    figures: dict[str, Any],
+    times: dict[str, float],
+) -> None:
+    """Add the surface along the trajectory in the folder: as it is stored, so that it is the same
+    whenever it is measured.
+    """
+    from .surface import measure_surface
+
+    trajectory = read_trajectory(folder / TRAJECTORY).trajectory
+    found = measure_surface(task, truth, trajectory, folder, Meter(advance))
+    times |= found.pop("times")
+    figures["surface"] = found
+
+
+def _with_costs(times: dict[str, float], started: float) -> dict[str, float]:
+    """Times with what this process took since it started, added to what former ones took."""
+    cpu_s = times.get("cpu_s", 0.0) + time.process_time() - started
+    peaks = [mb for mb in (times.get("peak_mb"), peak_mb()) if mb is not None]
+    known = {"peak_mb": max(peaks)} if peaks else {}
+    return {**times, "cpu_s": cpu_s, **known}
 
 
 def _motion(
