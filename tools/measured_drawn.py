@@ -2,11 +2,12 @@
 
 import csv
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from pathlib import Path
 from statistics import geometric_mean, mean, median
+from typing import Any
 
 from iclnuim.benchmark.experiments.intervals import log_interval
 from iclnuim.benchmark.experiments.recipes.paper.best_methods import best_methods_table
@@ -51,6 +52,8 @@ _SYSTEMS = ("ORB-SLAM3", "RTAB-Map", *AUTHORS.values())
 #: The systems among the methods of `iclnuim stress`.
 _STRESS_SYSTEMS = tuple(map(system_name, ("libfovis", "dvo_core", "orbslam3")))
 _OURS = ("fovis", "rgbd", "dvo", "icp", "icp_rgbd")
+#: A coverage above is shown as whole.
+_ALL = 0.995
 #: The columns of our figures next to the printed ones.
 _PRINTED = " | ".join(f"{kt} | printed" for kt in TRAJECTORY_NAMES)
 _MEASURED = Path(__file__).resolve().parents[1] / "docs/measured"
@@ -229,8 +232,10 @@ def noise_seeds(cells: PublishedCells) -> Rows:
     for sequence in _noisy_sequences():
         keys = [PaperKey(*sequence, name, "best", reference_of(name)) for name in paper_odometers()]
         found = [over_seeds.get(key, []) for key in keys]
-        rows.append([_title(sequence), *map(_shown, found), str(min(map(len, found)))])
-    return [["ATE, mm", *paper_odometers(), "seeds, at least"], *rows]
+        counts = [len(errors_m) for errors_m in found]
+        seeds = dict.fromkeys((min(counts), max(counts)))
+        rows.append([_title(sequence), *map(_shown, found), " to ".join(map(str, seeds))])
+    return [["ATE, mm", *paper_odometers(), "seeds"], *rows]
 
 
 def correlations(cells: PublishedCells) -> Rows:
@@ -239,15 +244,26 @@ def correlations(cells: PublishedCells) -> Rows:
 
 
 def papers_methods(cells: PublishedCells) -> Rows:
-    """ATE in mm of the paper's methods, next to the printed ones."""
-    ours = Ours(cells.benchmark(), "paper")
+    """ATE in mm of the paper's methods and of their authors' programs, next to the printed ones;
+    where frames are lost, with the share of those that have poses.
+    """
     rows = []
     for condition, places in _conditions():
         for name in paper_odometers():
-            wheres = [Where(*place, name) for place in places]
-            beside = _beside(map(ours.ate, wheres), map(Printed().ate, wheres))
-            rows.append([condition, name, *beside])
+            for title, programs in ((name, {}), (AUTHORS.get(name), AUTHORS)):
+                ours = Ours(cells.benchmark(), "paper", programs=programs)
+                wheres = [Where(*place, name) for place in places]
+                found = [_with_coverage(ours.figures(where)) for where in wheres]
+                if title:
+                    beside = _beside(found, map(Printed().ate, wheres))
+                    rows.append([condition, title, *beside])
     return words(f"ATE, mm | | {_PRINTED}", filter(_has_ours, rows))
+
+
+def _with_coverage(figures: Mapping[str, Any]) -> str:
+    text = _or_not(ate_of(figures))
+    coverage = figures.get("coverage", 1.0)
+    return text if coverage > _ALL or text == NOT_MEASURED else f"{text} ({100 * coverage:.0f} %)"
 
 
 def against_model(cells: PublishedCells) -> Rows:
@@ -277,15 +293,17 @@ def surfaces(cells: PublishedCells) -> Rows:
     rows = []
     for noise, name in product(NOISES, paper_odometers()):
         wheres = [Where("living_room", kt, noise, name) for kt in TRAJECTORY_NAMES]
-        beside = _beside(map(ours.surface, wheres), map(Printed().surface, wheres))
+        found = [_or_not(ours.surface(where)) for where in wheres]
+        beside = _beside(found, map(Printed().surface, wheres))
         rows.append([noise, name, *beside])
     return words(f"mean distance, mm | | {_PRINTED}", filter(_has_ours, rows))
 
 
-def _beside(ours_m: Iterable[float | None], printed_m: Iterable[float | None]) -> list[str]:
+def _beside(ours: Iterable[str], printed_m: Iterable[float | None]) -> list[str]:
+    """Ours and the printed figures in mm, alternately."""
     found = []
-    for one_m, other_m in zip(ours_m, printed_m, strict=True):
-        found += [_or_not(one_m), mm(other_m, ".1f")]
+    for text, other_m in zip(ours, printed_m, strict=True):
+        found += [text, mm(other_m, ".1f")]
     return found
 
 
@@ -295,7 +313,7 @@ def _has_ours(row: Sequence[str]) -> bool:
 
 
 def _or_not(length_m: float | None) -> str:
-    return NOT_MEASURED if length_m is None else mm(length_m)
+    return NOT_MEASURED if length_m is None else _mm(length_m)
 
 
 # -- stress
@@ -334,10 +352,10 @@ def _fails(summary: Summary) -> Rows:
     shown = [name for name in summary.methods if name in (*_OURS, *_STRESS_SYSTEMS)]
     rows = []
     for name in summary.perturbations:
-        failing = [_fails_from(summary, method, name) for method in shown]
+        failing = [_first_failure(summary, method, name) for method in shown]
         if any(failing):
             rows.append([f"`{name}`", *(word or NOT_MEASURED for word in failing)])
-    return [["fails from severity", *map(method_name, shown)], *rows]
+    return [["first fails at severity", *map(method_name, shown)], *rows]
 
 
 def _severities(keys: Iterable[tuple[str, str, int]]) -> str:
@@ -348,13 +366,19 @@ def _severities(keys: Iterable[tuple[str, str, int]]) -> str:
     return ", ".join(map(str, found))
 
 
-def _fails_from(summary: Summary, method: str, perturbation: str) -> str:
-    """The severity, a dash if it fails at none; empty without cells."""
-    perturbed = summary.row(method, perturbation)[1:]
-    for severity, group in enumerate(perturbed, 1):
-        if group is not None and group.succeeded <= 0.5:
-            return str(severity)
-    return "-" if any(perturbed) else ""
+def _first_failure(summary: Summary, method: str, perturbation: str) -> str:
+    """The severity, with those above it at which it does not fail; a dash if it fails at none;
+    empty without cells.
+    """
+    fails = {}
+    for severity, group in enumerate(summary.row(method, perturbation)[1:], 1):
+        if group is not None:
+            fails[severity] = group.succeeded <= 0.5
+    first = next((severity for severity, failed in fails.items() if failed), None)
+    if first is None:
+        return "-" if fails else ""
+    above = [str(severity) for severity, failed in fails.items() if severity > first and not failed]
+    return f"{first}, not {', '.join(above)}" if above else str(first)
 
 
 def stress_totals(cells: PublishedCells) -> Rows:
@@ -441,19 +465,6 @@ def learned_pairs(cells: PublishedCells) -> Rows:
     return words("ratio of the ATE | mean | 95 % from | to | sequences", rows)
 
 
-def repeats(cells: PublishedCells) -> Rows:
-    """The authors' DVO on our clean living room, next to the row of Table III."""
-    errors_m = _errors_m(cells)
-    title = AUTHORS["dvo"]
-    rows = []
-    for kt in TRAJECTORY_NAMES:
-        place = ("living_room", kt, "clean")
-        printed_m = Printed().ate(Where(*place, "dvo"))
-        rows.append((kt, _shown(errors_m.get(system_key(place, title))), mm(printed_m, ".0f")))
-    columns = f"living room, clean, ATE mm | {title} on our frames | Table III"
-    return words(columns, [row for row in rows if row[1] != NOT_MEASURED])
-
-
 def surface_quality(cells: PublishedCells) -> Rows:
     """The surfaces of the living room along the trajectories of our odometers, against the model."""
     ours = Ours(cells.benchmark())
@@ -477,12 +488,13 @@ def learned_orbslam3(cells: PublishedCells) -> Rows:
     summary = stress_summary(cells)
     by_severity: dict[str, list[str]] = {}
     for name in summary.perturbations:
-        severity = _fails_from(summary, "run:orbslam3", name)
+        severity, _, others = _first_failure(summary, "run:orbslam3", name).partition(", ")
         if severity:
-            by_severity.setdefault(severity, []).append(f"`{name}`")
+            text = f"`{name}` ({others})" if others else f"`{name}`"
+            by_severity.setdefault(severity, []).append(text)
     rows = []
     for severity in sorted(by_severity, key=lambda word: (word == "-", word)):
-        what = f"from severity {severity}" if severity != "-" else "at none"
+        what = f"first at severity {severity}" if severity != "-" else "at none"
         rows.append([what, ", ".join(by_severity[severity])])
     sizes = {group.segments for key, group in summary.groups.items() if key[0] == "run:orbslam3"}
     n = " to ".join(map(str, sorted(sizes)))
@@ -490,7 +502,7 @@ def learned_orbslam3(cells: PublishedCells) -> Rows:
 
 
 def learned_light(cells: PublishedCells) -> Rows:
-    """The error of baked light in the rooms as they are shipped."""
+    """The error of baked light."""
     rows = [row for row in cells.facts("light") if row[0].startswith("PSNR of baked light")]
     return [["what", "measured", "command", "commit"], *rows]
 
@@ -591,7 +603,6 @@ DRAWN: dict[str, Drawn] = {
     "own_scenes-checks": scene_checks,
     "learned-noise": learned_noise,
     "learned-pairs": learned_pairs,
-    "benchmark-repeats": repeats,
     "surface-quality": surface_quality,
     "learned-orbslam3": learned_orbslam3,
     "learned-light": learned_light,

@@ -11,7 +11,7 @@ from dataclasses import replace
 import pytest
 
 pytest.importorskip("numba")
-from iclnuim.benchmark.experiments.cell import Cell  # noqa: E402
+from iclnuim.benchmark.experiments.cell import Cell, Measured  # noqa: E402
 from iclnuim.benchmark.experiments.outcome import Outcome  # noqa: E402
 from iclnuim.benchmark.experiments.recipes.paper.keys import (  # noqa: E402
     PaperKey,
@@ -104,7 +104,41 @@ def test_errors_over_the_noise_seeds_are_of_all_that_are_measured():
         return by_sequence["office kt1 noisy"]
 
     assert row([0.003, 0.001, 0.002])["dvo"] == "2 (1 to 3)"
-    assert row([0.003, 0.001, 0.002])["seeds, at least"] == "0"  # the others have none
+    assert row([0.003, 0.001, 0.002])["seeds"] == "0 to 3"  # the others have none
+
+
+def test_authors_programs_stand_below_their_methods_and_lost_frames_beside_the_error():
+    place = ("living_room", "kt0", "clean")
+    program = PaperKey(*place, "dvo_core", "final", "run", run=1)
+    found = [
+        result(PaperKey(*place, "dvo", "paper", "default"), 0.03, coverage=0.94),
+        result(program, 1.04, coverage=1.0),
+        result(PaperKey(*place, "icp", "paper", "model"), 0.12, coverage=0.999),
+    ]
+    cells = PublishedCells()
+    cells.add([replace(r, identity={"input": "a"}) for r in found], KIND, MEASURED_RUN)
+    rows = DRAWN["benchmark-paper"](cells)[1:]
+    assert [row[1:3] for row in rows] == [
+        ["dvo", "30 (94 %)"],
+        ["dvo_core", "1,040"],
+        ["icp", "120"],
+    ]
+    assert rows[0][3] == rows[1][3] == "113.8" and {row[4] for row in rows} == {"not measured"}
+
+
+def test_a_first_failure_names_the_higher_severities_without_one():
+    key = StressKey("office/kt1", 80, "holes", 0, "icp")
+    outcomes = {}
+    for severity, ate_m in enumerate((0.01, 0.2, 0.01, 0.2, 0.01), 1):
+        outcomes[replace(key, severity=severity)] = Outcome(120, 1.0, ate_m)
+    some = PublishedCells()
+    some.add(
+        [Measured(k, {"input": "a"}, o.to_dict()) for k, o in outcomes.items()],
+        STRESS,
+        MEASURED_RUN,
+    )
+    header, row = DRAWN["stress-fails"](some)
+    assert dict(zip(header, row, strict=True))["icp"] == "2, not 3, 5"
 
 
 def test_a_key_stays_when_a_method_is_renamed(cells):

@@ -4,8 +4,9 @@ noisy frames is decided by each noise seed whose cells are measured.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from ...cell import Measured
 from ...table import NOT_MEASURED, ResultTable
@@ -57,12 +58,9 @@ def findings_table(results: Sequence[Measured], preset: str = "best") -> ResultT
         if ours.word == MISSING:
             missing.append(str(number))
             continue
-        why = RULES[number].why
-        if remark := finding.get("remark"):
-            why += f". {remark}"
         found = (ours.figures or "-", ours.word, ours.seeds, ours.cause or "-")
-        printed = _printed_text(number)
-        rows.append((str(number), finding["section"], finding["finding"], printed, *found, why))
+        words = (str(number), finding["section"], finding["finding"], _printed_text(number))
+        rows.append((*words, *found, _rule(finding)))
     columns = ("no.", "section", "finding", "printed", "ours", "verdict", "seeds", "cause", "rule")
     title = "The findings of section VI, decided by rules over the cells."
     notes = [
@@ -76,6 +74,12 @@ def findings_table(results: Sequence[Measured], preset: str = "best") -> ResultT
         notes.append(f"{which} need more cells than these {len(results)}, which fill the tables.")
     table = ResultTable("findings", title, columns, tuple(rows), notes=tuple(notes))
     return table.of_preset(preset)
+
+
+def _rule(finding: Mapping[str, Any]) -> str:
+    """Its rule in words, with the remark on what the paper says or prints."""
+    why = RULES[finding["number"]].why
+    return f"{why}. {finding['remark']}" if "remark" in finding else why
 
 
 def _printed_text(number: int) -> str:
@@ -103,14 +107,13 @@ def verdicts_by_method(results: Sequence[Measured]) -> dict[str, list[Verdict]]:
 
 
 def verdicts_table(results: Sequence[Measured]) -> ResultTable:
-    """One row per finding: its rule, and the verdict of each method."""
+    """One row per finding: its rule with a remark, and the verdict of each method."""
     found = verdicts_by_method(results)
     rows = []
     for k, finding in enumerate(paper()["findings"]):
         words = [_with_seeds(of[k]) for of in found.values()]
         words[0] = words[0].replace(MISSING, "not printed")
-        number = finding["number"]
-        rows.append((str(number), finding["finding"], RULES[number].why, *words))
+        rows.append((str(finding["number"]), finding["finding"], _rule(finding), *words))
     columns = ("no.", "finding", "rule", *found)
     title = "The findings of section VI, by the paper's methods and by ours."
     return ResultTable("verdicts", title, columns, tuple(rows), notes=tuple(headline(results)))
