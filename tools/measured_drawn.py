@@ -373,7 +373,7 @@ def _first_failure(summary: Summary, method: str, perturbation: str) -> str:
     fails = {}
     for severity, group in enumerate(summary.row(method, perturbation)[1:], 1):
         if group is not None:
-            fails[severity] = group.succeeded <= 0.5
+            fails[severity] = group.failed
     first = next((severity for severity, failed in fails.items() if failed), None)
     if first is None:
         return "-" if fails else ""

@@ -128,15 +128,12 @@ def test_authors_programs_stand_below_their_methods_and_lost_frames_beside_the_e
 
 def test_a_first_failure_names_the_higher_severities_without_one():
     key = StressKey("office/kt1", 80, "holes", 0, "icp")
-    outcomes = {}
-    for severity, ate_m in enumerate((0.01, 0.2, 0.01, 0.2, 0.01), 1):
-        outcomes[replace(key, severity=severity)] = Outcome(120, 1.0, ate_m)
+    found = []
+    for severity, success in enumerate((True, False, True, False, True), 1):
+        outcome = Outcome(120, 1.0, 0.01, success).to_dict()
+        found.append(Measured(replace(key, severity=severity), {"input": "a"}, outcome))
     some = PublishedCells()
-    some.add(
-        [Measured(k, {"input": "a"}, o.to_dict()) for k, o in outcomes.items()],
-        STRESS,
-        MEASURED_RUN,
-    )
+    some.add(found, STRESS, MEASURED_RUN)
     header, row = DRAWN["stress-fails"](some)
     assert dict(zip(header, row, strict=True))["icp"] == "2, not 3, 5"
 
