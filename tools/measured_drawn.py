@@ -289,13 +289,13 @@ def _conditions() -> Iterator[tuple[str, list[tuple[str, str, str]]]]:
 
 def surfaces(cells: PublishedCells) -> Rows:
     """Mean distance in mm of the surfaces of the living room to the model."""
-    ours = Ours(cells.benchmark())
     rows = []
-    for noise, name in product(NOISES, paper_odometers()):
+    for noise, preset, name in product(NOISES, ("paper", "best"), paper_odometers()):
+        ours = Ours(cells.benchmark(), preset)
         wheres = [Where("living_room", kt, noise, name) for kt in TRAJECTORY_NAMES]
         found = [_or_not(ours.surface(where)) for where in wheres]
         beside = _beside(found, map(Printed().surface, wheres))
-        rows.append([noise, name, *beside])
+        rows.append([noise, f"{name}, {preset}", *beside])
     return words(f"mean distance, mm | | {_PRINTED}", filter(_has_ours, rows))
 
 

@@ -1,6 +1,7 @@
 """Accuracy beside speed, its intervals and its chart."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -39,6 +40,9 @@ def test_a_table_shows_what_a_method_costs_and_a_dash_where_nothing_was_measured
     for row in rows:
         assert (row["ATE mm"], row["surface mm"], row["ms a frame"]) == ("10", "2", "12.5")
         assert (row["core-s"], row["MB"]) == ("80", "-")
+    bare = [replace(found[0], figures={**found[0].figures, "surface": {}}), *found[1:]]
+    surfaces = [row[3] for row in speed_table(bare).rows]
+    assert surfaces.count("-") == 1  # a median of other sequences would stand beside this ATE
     assert len([a for a in speed_figure(found).axes if a.get_visible()]) == 2
     assert speed_figure([result(key, 0.01, times={}) for key in keys]) is None
 

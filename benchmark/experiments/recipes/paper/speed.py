@@ -18,9 +18,7 @@ _COLUMNS = 2
 
 
 def _costs(results: Sequence[Measured]) -> dict[tuple[Condition, str], dict[str, list[float]]]:
-    """Condition and method -> the figures of its cells: ms a frame, core-seconds, MB, surface in
-    metres.
-    """
+    """Condition and method -> the figures of its cells: ms a frame, core-seconds, MB."""
     found: dict[tuple[Condition, str], dict[str, list[float]]] = {}
     for result in results:
         key = result.key
@@ -29,10 +27,21 @@ def _costs(results: Sequence[Measured]) -> dict[tuple[Condition, str], dict[str,
         cell = {name: times.get(name) for name in ("cpu_s", "peak_mb")}
         if "track_s" in times:
             cell["track_ms"] = 1e3 * times["track_s"] / result.figures["frames"]
-        cell["surface_m"] = surface_of(result.figures)
         for name, value in cell.items():
             if value is not None:
                 of.setdefault(name, []).append(value)
+    return found
+
+
+def _surfaces(results: Sequence[Measured]) -> dict[tuple[Condition, str], dict[str, list[float]]]:
+    """Condition and method -> the surface errors of its cells in metres, by trajectory."""
+    found: dict[tuple[Condition, str], dict[str, list[float]]] = {}
+    for result in results:
+        key = result.key
+        surface_m = surface_of(result.figures)
+        if surface_m is not None:
+            of = found.setdefault(((key.room, key.noise), method_name(key)), {})
+            of.setdefault(key.trajectory, []).append(surface_m)
     return found
 
 
@@ -41,15 +50,19 @@ def speed_table(results: Sequence[Measured]) -> ResultTable:
     seeds.
     """
     costs = _costs(results)
+    surfaces = _surfaces(results)
     rows = []
     for condition, errors in errors_by_condition(results).items():
         ranked = sorted((geometric_mean(of.values()), name) for name, of in errors.items())
         for ate_m, name in ranked:
             own = costs[condition, name]
             mid = {figure: median(values) for figure, values in own.items()}
+            there = surfaces.get((condition, name), {})
+            whole = there.keys() >= errors[name].keys()
+            surface_m = median(sum(there.values(), [])) if whole else None
             texts = (
                 shown(ate_m, ".3g", 1e3),
-                shown(mid.get("surface_m"), ".3g", 1e3),
+                shown(surface_m, ".3g", 1e3),
                 shown(mid.get("track_ms"), ".1f"),
                 shown(mid.get("cpu_s"), ".0f"),
                 shown(mid.get("peak_mb"), ".0f"),
@@ -58,7 +71,8 @@ def speed_table(results: Sequence[Measured]) -> ResultTable:
     columns = ("condition", "method", "ATE mm", "surface mm", "ms a frame", "core-s", "MB")
     notes = (
         "ATE: geometric mean over the sequences. Medians: surface, processor time of a tracked "
-        "frame on one core, core-seconds and largest memory of a cell. A dash: not measured.",
+        "frame on one core, core-seconds and largest memory of a cell. A dash: not measured, a "
+        "surface on all of the sequences.",
     )
     return ResultTable("speed", "Accuracy beside speed.", columns, tuple(rows), notes=notes)
 
