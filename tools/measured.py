@@ -206,6 +206,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             cells.cells[TABLE, table.mark] = measured(table)
             cells.write(TOP / CELLS)
     cells.write(TOP / CELLS)
+    cells = PublishedCells.read(TOP / CELLS)  # in the order in which every later call draws them
     for page in pages():
         page.write_text(redrawn(page.read_text(), cells))
     draw_charts(cells)

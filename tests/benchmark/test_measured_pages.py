@@ -223,11 +223,19 @@ def test_cells_of_a_stress_are_taken_with_their_base(tmp_path, monkeypatch):
     line = {"run": MEASURED_RUN.name, **vars(MEASURED_RUN)}
     (tmp_path / measured.CELLS).write_text(json.dumps(line))
     monkeypatch.setattr(measured, "TOP", tmp_path)
-    monkeypatch.setattr(measured, "draw_charts", lambda cells: None)
+    monkeypatch.setattr(measured, "draw_charts", lambda cells: drawn.append(list(cells.cells)))
+    drawn = []
     assert measured.main(["--take", str(tmp_path / "stress")]) == 0
     cells = PublishedCells.read(tmp_path / measured.CELLS)
     (cell,) = cells.cells.values()
     assert list(cells.stress()) == [key] and cell.code and cell.input
+    store.write(
+        Cell(replace(key, severity=3), {"input": "a", "method_code": "b"}),
+        Outcome(120, 1.0, 0.01).to_dict(),
+    )
+    assert measured.main(["--take", str(tmp_path / "stress")]) == 0
+    assert drawn[-1] == list(PublishedCells.read(tmp_path / measured.CELLS).cells)
+    assert len(drawn[-1]) == 2
 
 
 def test_the_plan_names_what_is_missing_and_cells_of_other_code():
