@@ -21,14 +21,17 @@ from argparse import ArgumentParser
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 from iclnuim import checkout
+from iclnuim.benchmark.experiments.cell import Measured
 from iclnuim.benchmark.experiments.recipes.paper.best_methods import accuracy_figure
 from iclnuim.benchmark.experiments.recipes.paper.charts import Material, draw
 from iclnuim.benchmark.experiments.recipes.paper.figures import reference_of, system_key
 from iclnuim.benchmark.experiments.recipes.paper.keys import (
+    NOISES,
     PAPER_REFERENCES,
     PaperKey,
     all_keys,
@@ -225,20 +228,26 @@ def draw_charts(cells: PublishedCells) -> None:
 
 def draw_paper_figures(folder: Path) -> None:
     """The paper's figures 5 to 9 that the pictures in a benchmark's folder allow, of the preset
-    `paper` if it has their cells; none from a folder of some of the sequences, which would leave
-    holes.
+    `paper` if it has their cells. None of a preset some of whose cells the folder lacks, which would
+    leave holes.
     """
     results = [r for r in Store(folder, BENCHMARK).read_all(PaperKey) if r.folder.is_dir()]
-    if not set(paper_sequences()) <= {f"{r.key.room}/{r.key.trajectory}" for r in results}:
-        return
+    whole = [preset for preset in ("paper", "best") if _has_all_cells(results, preset)]
     for number in _PAPER_FIGURES:
-        for preset in ("paper", "best"):
+        for preset in whole:
             try:
                 figure = draw(number, Material(Sources(TOP / "out", folder), results, preset))
             except InputError:  # no cell of it
                 continue
             save(figure, TOP / PAGES / f"pictures/figure_{number}.jpg", _STRESS_DPI)
             break
+
+
+def _has_all_cells(results: Sequence[Measured], preset: str) -> bool:
+    """Whether each of the paper's odometers is there on each of its sequences."""
+    keys = [r.key for r in results if r.key.preset == preset]
+    there = {(f"{key.room}/{key.trajectory}", key.noise, key.odometer) for key in keys}
+    return there >= set(product(paper_sequences(), NOISES, paper_odometers()))
 
 
 def listed() -> str:

@@ -194,12 +194,14 @@ def test_a_cell_that_takes_a_surface_away_is_named(tmp_path, capsys):
     assert line.startswith(f"{with_surface.place}: replaces a cell with a surface; iclnuim bench")
 
 
-def test_a_folder_of_some_sequences_draws_none_of_the_papers_figures(tmp_path, monkeypatch):
+def test_a_folder_of_some_cells_draws_none_of_the_papers_figures(tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(measured, "draw", lambda number, *_: drawn.append(number))
     monkeypatch.setattr(measured, "save", lambda *_: None)
     found = [result(key, 0.01) for key in all_keys()]
-    measured.draw_paper_figures(written(tmp_path / "some", only(found, room="office")))
+    measured.draw_paper_figures(written(tmp_path / "office", only(found, room="office")))
+    without = [r for r in found if (r.key.trajectory, r.key.odometer) != ("kt2", "dvo")]
+    measured.draw_paper_figures(written(tmp_path / "without", without))
     assert drawn == []
     measured.draw_paper_figures(written(tmp_path / "all", found))
     assert drawn == [5, 6, 7, 8, 9]
