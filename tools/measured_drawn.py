@@ -247,16 +247,16 @@ def papers_methods(cells: PublishedCells) -> Rows:
     """ATE in mm of the paper's methods and of their authors' programs, next to the printed ones;
     where frames are lost, with the share of those that have poses.
     """
+    ours = Ours(cells.benchmark(), "paper")
+    theirs = replace(ours, programs=AUTHORS)
     rows = []
     for condition, places in _conditions():
         for name in paper_odometers():
-            for title, programs in ((name, {}), (AUTHORS.get(name), AUTHORS)):
-                ours = Ours(cells.benchmark(), "paper", programs=programs)
-                wheres = [Where(*place, name) for place in places]
-                found = [_with_coverage(ours.figures(where)) for where in wheres]
-                if title:
-                    beside = _beside(found, map(Printed().ate, wheres))
-                    rows.append([condition, title, *beside])
+            wheres = [Where(*place, name) for place in places]
+            methods = {name: ours, **({AUTHORS[name]: theirs} if name in AUTHORS else {})}
+            for title, of in methods.items():
+                found = [_with_coverage(of.figures(where)) for where in wheres]
+                rows.append([condition, title, *_beside(found, map(Printed().ate, wheres))])
     return words(f"ATE, mm | | {_PRINTED}", filter(_has_ours, rows))
 
 
@@ -289,9 +289,10 @@ def _conditions() -> Iterator[tuple[str, list[tuple[str, str, str]]]]:
 
 def surfaces(cells: PublishedCells) -> Rows:
     """Mean distance in mm of the surfaces of the living room to the model."""
+    results = cells.benchmark()
+    views = {preset: Ours(results, preset) for preset in ("paper", "best")}
     rows = []
-    for noise, preset, name in product(NOISES, ("paper", "best"), paper_odometers()):
-        ours = Ours(cells.benchmark(), preset)
+    for noise, (preset, ours), name in product(NOISES, views.items(), paper_odometers()):
         wheres = [Where("living_room", kt, noise, name) for kt in TRAJECTORY_NAMES]
         found = [_or_not(ours.surface(where)) for where in wheres]
         beside = _beside(found, map(Printed().surface, wheres))
@@ -352,7 +353,8 @@ def _fails(summary: Summary) -> Rows:
     shown = [name for name in summary.methods if name in (*_OURS, *_STRESS_SYSTEMS)]
     rows = []
     for name in summary.perturbations:
-        failing = [_first_failure(summary, method, name) for method in shown]
+        found = [_first_failure(summary, method, name) for method in shown]
+        failing = [", ".join(filter(None, pair)) for pair in found]
         if any(failing):
             rows.append([f"`{name}`", *(word or NOT_MEASURED for word in failing)])
     return [["first fails at severity", *map(method_name, shown)], *rows]
@@ -366,9 +368,9 @@ def _severities(keys: Iterable[tuple[str, str, int]]) -> str:
     return ", ".join(map(str, found))
 
 
-def _first_failure(summary: Summary, method: str, perturbation: str) -> str:
-    """The severity, with those above it at which it does not fail; a dash if it fails at none;
-    empty without cells.
+def _first_failure(summary: Summary, method: str, perturbation: str) -> tuple[str, str]:
+    """The severity, a dash if it fails at none, empty without cells; and `not 3, 4`: those above it
+    at which it does not fail, empty if there are none.
     """
     fails = {}
     for severity, group in enumerate(summary.row(method, perturbation)[1:], 1):
@@ -376,9 +378,9 @@ def _first_failure(summary: Summary, method: str, perturbation: str) -> str:
             fails[severity] = group.failed
     first = next((severity for severity, failed in fails.items() if failed), None)
     if first is None:
-        return "-" if fails else ""
+        return ("-" if fails else "", "")
     above = [str(severity) for severity, failed in fails.items() if severity > first and not failed]
-    return f"{first}, not {', '.join(above)}" if above else str(first)
+    return str(first), f"not {', '.join(above)}" if above else ""
 
 
 def stress_totals(cells: PublishedCells) -> Rows:
@@ -488,7 +490,7 @@ def learned_orbslam3(cells: PublishedCells) -> Rows:
     summary = stress_summary(cells)
     by_severity: dict[str, list[str]] = {}
     for name in summary.perturbations:
-        severity, _, others = _first_failure(summary, "run:orbslam3", name).partition(", ")
+        severity, others = _first_failure(summary, "run:orbslam3", name)
         if severity:
             text = f"`{name}` ({others})" if others else f"`{name}`"
             by_severity.setdefault(severity, []).append(text)

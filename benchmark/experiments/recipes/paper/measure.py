@@ -35,9 +35,10 @@ def measure(task: PaperTask, folder: Path, advance: Callable[[int], object]) -> 
     reset_peak()
     times: dict[str, float] = {}
     figures: dict[str, Any] = {}
-    truth = _truth(task)
+    sequence = StoredSequence(task.folder)
+    truth = _truth(sequence)
     try:
-        trajectory = _motion(task, StoredSequence(task.folder), Meter(advance), figures, times)
+        trajectory = _motion(task, sequence, Meter(advance), figures, times)
         write_trajectory(folder / TRAJECTORY, trajectory, "tum")
         error = absolute_error(truth, trajectory)
         figures |= _trajectory_figures(truth, trajectory, error)
@@ -62,16 +63,17 @@ def measure_only_surface(
     reset_peak()
     times = dict(figures["times"])
     try:
-        _add_surface(task, _truth(task), tracked.folder, advance, figures, times)
+        truth = _truth(StoredSequence(task.folder))
+        _add_surface(task, truth, tracked.folder, advance, figures, times)
     except (InputError, WorkError) as problem:
         figures["failed"] = problem.worded()
     return {**figures, "times": _with_costs(times, started)}
 
 
-def _truth(task: PaperTask) -> Trajectory:
-    truth = StoredSequence(task.folder).truth
+def _truth(sequence: StoredSequence) -> Trajectory:
+    truth = sequence.truth
     if truth is None:
-        raise InputError("a ground truth in the folder", path=task.folder, found="none")
+        raise InputError("a ground truth in the folder", path=sequence.folder, found="none")
     return truth
 
 

@@ -71,8 +71,8 @@ def speed_table(results: Sequence[Measured]) -> ResultTable:
     columns = ("condition", "method", "ATE mm", "surface mm", "ms a frame", "core-s", "MB")
     notes = (
         "ATE: geometric mean over the sequences. Medians: surface, processor time of a tracked "
-        "frame on one core, core-seconds and largest memory of a cell. A dash: not measured, a "
-        "surface on all of the sequences.",
+        "frame on one core, core-seconds and largest memory of a cell. A dash: not measured; "
+        "of a surface, not on all of the sequences.",
     )
     return ResultTable("speed", "Accuracy beside speed.", columns, tuple(rows), notes=notes)
 
