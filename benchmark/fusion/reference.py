@@ -12,7 +12,7 @@ from iclnuim.geometry.se3 import SE3
 
 from ..odometry.levels import PyramidOdometer, pyramid
 from ..odometry.protocol import Frame, Odometer, OdometryResult
-from ..odometry.references import REFERENCES, KeyframeReference, Reference, reference
+from ..odometry.references import MODELS, REFERENCES, KeyframeReference, Reference, reference
 from ..odometry.references import View as ReferenceView
 from ..odometry.watch import rotated
 from .settings import PRESETS as VOLUMES
@@ -20,7 +20,7 @@ from .settings import VolumeSettings
 from .volume import RaycastView, Volume
 
 #: Names that `make_reference` accepts.
-NAMES = ("default", *REFERENCES, "model")
+NAMES = ("default", *REFERENCES, *MODELS)
 
 
 @dataclass(frozen=True)
@@ -49,14 +49,14 @@ def make_reference(
     name: str, odometer: Odometer, camera: PinholeCamera, preset: str = "best"
 ) -> Reference:
     """A new Reference by name: "default" (the one that the odometer declares), one of REFERENCES,
-    or "model".
+    or of MODELS.
 
     Raises InputError for another name.
     """
     if name not in NAMES:
         raise InputError(f"a reference ({', '.join(NAMES)})", found=name)
-    if name == "model":
-        return ModelReference(odometer, camera, preset)
+    if name in MODELS:
+        return ModelReference(odometer, camera, preset, ahead=name == "model-ahead")
     return reference(odometer.reference if name == "default" else name)
 
 
@@ -74,14 +74,22 @@ class ModelReference(Reference):
     with the normals of the model. Raises InputError for an unknown preset.
     """
 
-    def __init__(self, odometer: Odometer, camera: PinholeCamera, preset: str = "best") -> None:
+    def __init__(
+        self, odometer: Odometer, camera: PinholeCamera, preset: str = "best", ahead: bool = False
+    ) -> None:
         if preset not in PRESETS:
             raise InputError(f"a preset of the model ({', '.join(PRESETS)})", found=preset)
         self.settings = PRESETS[preset]
         self.odometer = odometer
         self.camera = camera
         geometry_alone = isinstance(odometer, PyramidOdometer) and not odometer.reads_grey
-        self.volume = Volume(replace(self.settings.volume, channels=0 if geometry_alone else 1))
+        self.volume = Volume(
+            replace(
+                self.settings.volume,
+                channels=0 if geometry_alone else 1,
+                ahead=1.0 if ahead else 0.0,
+            )
+        )
         self._keyframes = KeyframeReference()
         self._instead: ReferenceView | None = None  # the keyframe that is the view for now
         self._view: Any = None

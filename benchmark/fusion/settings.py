@@ -55,6 +55,14 @@ class VolumeSettings(Settings):
         low=4,
         option="",
     )
+    ahead: float = setting(
+        0.0,
+        "how far the window's centre is before the camera, as a share of half the window: 0, around "
+        "the camera, as Kintinuous' program places it by default, to 1, as with its option -d",
+        low=0.0,
+        high=1.0,
+        option="",
+    )
     max_weight: int = setting(
         255, "maximum weight of the running mean, in frames", low=1, high=4000, option=""
     )

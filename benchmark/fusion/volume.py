@@ -72,6 +72,7 @@ class Volume:
             slanted=s.slanted,
             max_weight=s.max_weight * UNIT,
         )
+        self._ahead_m = s.ahead * s.window_blocks * 8 * s.voxel_m / 2
         self._on_leaving = leaving
         self._placed = False
         self.frames = 0
@@ -113,7 +114,7 @@ class Volume:
         usable = (depth > 0) & (depth < self.settings.far_m)  # false for NaN
         inverse = np.zeros_like(depth)  # 0: missing or too far
         np.divide(np.float32(1), depth, out=inverse, where=usable)
-        self.follow(T.translation)
+        self.follow(T.translation + self._ahead_m * T.rotation[:, 2])
         lost = self._allocate(inverse, camera, T)
         if lost:
             self._release(self._farther_half(T.translation))
@@ -144,7 +145,7 @@ class Volume:
         return view
 
     def follow(self, centre_m: np.ndarray) -> None:
-        """Move the window if its centre is two blocks or more from the camera; blocks outside it
+        """Move the window if its centre is two blocks or more from centre_m; blocks outside it
         leave.
         """
         side = self.settings.window_blocks

@@ -211,6 +211,9 @@ REFERENCES = {
     "matches": MatchesReference,
     "matched-keyframe": MatchedKeyframeReference,
 }
+#: References that fusion/reference.py makes: a fused model whose window is around the camera, and
+#: one whose window is before it.
+MODELS = ("model", "model-ahead")
 
 
 def reference(name: str) -> Reference:

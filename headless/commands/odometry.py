@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from iclnuim.benchmark.odometry.protocol import reads_depth_alone
-from iclnuim.benchmark.odometry.references import REFERENCES
+from iclnuim.benchmark.odometry.references import MODELS, REFERENCES
 from iclnuim.benchmark.odometry.registry import ODOMETERS, names, odometer
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
@@ -31,7 +31,7 @@ def configure(parser: ArgumentParser) -> None:
     help = "write a TUM trajectory; with --all a folder, METHOD.txt for each"
     add("-o", "--out", type=Path, metavar="EST", help=help)
     add("--preset", default="best", help="best (default) or paper")
-    kinds = f"default (that of the method), {', '.join(REFERENCES)} or model"
+    kinds = f"default (that of the method), {', '.join([*REFERENCES, *MODELS])}"
     help = f"what a frame is aligned against: {kinds}"
     add("--reference", default="default", metavar="KIND", help=help)
     help = "hold (default), constant-velocity or restart"

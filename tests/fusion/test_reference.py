@@ -148,6 +148,19 @@ def test_every_odometer_can_be_shown_the_model(small, name, camera, room):
     assert error_m(tracked(name, "model", camera, frames[:13]), poses[:13]) < 0.01
 
 
+def test_a_window_before_the_camera_holds_what_is_out_of_reach_of_one_around_it(small, camera):
+    """A wall at 3.5 m, and the papers window of 4.5 m."""
+    one = odometer("icp", "paper")
+    depth_z_m = np.full((camera.height, camera.width), 3.5, np.float32)
+    frame = Frame(np.zeros(depth_z_m.shape, np.float32), depth_z_m, 0.0)
+    seen = {}
+    for ahead in (False, True):
+        model = ModelReference(one, camera, "paper", ahead)
+        view, _ = model.renew(frame, one.prepare(frame, camera), SE3.identity())
+        seen[ahead] = (view[0].depth_z_m > 0).mean()
+    assert seen == {False: 0, True: pytest.approx(1, abs=0.1)}
+
+
 def test_the_papers_window_follows_too(small, camera, room):
     poses, frames = room
     assert error_m(tracked("icp", "model", camera, frames[:8], "paper"), poses[:8]) < 0.01

@@ -237,7 +237,7 @@ def _draw_best(axes: Axes, results: Sequence[Measured]) -> bool:
     a, b = widest_axes(truth_m)
     key = best.key
     colour = COLOURS[paper_odometers().index(key.odometer) % len(COLOURS)]
-    name = f"{key.odometer} with a model" if key.reference == "model" else key.odometer
+    name = f"{key.odometer} with a model" if key.against_model else key.odometer
     name += f", {1e3 * (ate_of(best.figures) or 0):.2f} mm"
     axes.plot(truth_m[:, a], truth_m[:, b], color=REFERENCE_COLOUR, linewidth=4)
     if not len(estimate_m):

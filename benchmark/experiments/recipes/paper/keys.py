@@ -9,6 +9,7 @@ from pathlib import Path
 
 from iclnuim import shipped
 from iclnuim.benchmark.fusion import settings as fusion
+from iclnuim.benchmark.odometry.references import MODELS
 from iclnuim.benchmark.odometry.registry import ODOMETERS
 from iclnuim.errors import InputError
 
@@ -54,6 +55,11 @@ class PaperKey:
     @property
     def external(self) -> bool:
         return self.reference == EXTERNAL
+
+    @property
+    def against_model(self) -> bool:
+        """Whether its frames are aligned against a fused model."""
+        return self.reference in MODELS
 
     @property
     def words(self) -> set[str]:
@@ -182,5 +188,5 @@ def core_seconds(key: PaperKey, tracks: bool, surface: bool) -> float:
     """Expected core-seconds of a frame of a cell. tracks: its trajectory is estimated; surface: it is
     fused and compared.
     """
-    track_s = 0.0 if key.external else _TRACK_CORE_S[key.preset, key.reference == "model"]
+    track_s = 0.0 if key.external else _TRACK_CORE_S[key.preset, key.against_model]
     return tracks * track_s + surface * _FUSE_CORE_S

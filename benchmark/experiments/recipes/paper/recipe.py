@@ -38,7 +38,7 @@ def code_of_trajectory(key: PaperKey) -> dict[str, str | None]:
     found["code"] = code_of(measure, without=(_SURFACE, _REFERENCE))
     if not key.external:
         found["method_code"] = method_code(key.odometer)
-    if key.reference == "model":
+    if key.against_model:
         found["reference_code"] = code_of(_REFERENCE)
     return found
 
