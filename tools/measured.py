@@ -284,6 +284,10 @@ def missing_cells(cells: PublishedCells) -> Iterator[MissingCells]:
         some = [key for key in paper if (key.room == LIVING) == surface]
         options = of_paper if surface else f"--no-surfaces {of_paper}"
         yield from _missing(cells, some, options, surface)
+    ahead = all_keys(["paper"], references=["model-ahead"])
+    ahead = [key for key in ahead if reference_of(key.odometer) == "model"]
+    options = "--no-surfaces --presets paper --references model-ahead"
+    yield from _missing(cells, ahead, options, words="/icp,icp_rgbd")
     yield from _missing(cells, [key for key in best if not key.seed], "--no-surfaces")
     seeds = [key for key in best if key.seed and key.reference == reference_of(key.odometer)]
     for reference in ("default", "model"):

@@ -244,19 +244,25 @@ def correlations(cells: PublishedCells) -> Rows:
 
 
 def papers_methods(cells: PublishedCells) -> Rows:
-    """ATE in mm of the paper's methods and of their authors' programs, next to the printed ones;
-    where frames are lost, with the share of those that have poses.
+    """ATE in mm of the paper's methods, of their authors' programs and of those with a model whose
+    window is before the camera, next to the printed ones; where frames are lost, with the share of
+    those that have poses.
     """
     ours = Ours(cells.benchmark(), "paper")
     theirs = replace(ours, programs=AUTHORS)
     rows = []
     for condition, places in _conditions():
         for name in paper_odometers():
-            wheres = [Where(*place, name) for place in places]
-            methods = {name: ours, **({AUTHORS[name]: theirs} if name in AUTHORS else {})}
-            for title, of in methods.items():
+            printed_m = [Printed().ate(Where(*place, name)) for place in places]
+            methods = [(name, ours, "")]
+            if name in AUTHORS:
+                methods.append((AUTHORS[name], theirs, ""))
+            if reference_of(name) == "model":
+                methods.append((f"{name}, window ahead", ours, "model-ahead"))
+            for title, of, reference in methods:
+                wheres = [Where(*place, name, reference) for place in places]
                 found = [_with_coverage(of.figures(where)) for where in wheres]
-                rows.append([condition, title, *_beside(found, map(Printed().ate, wheres))])
+                rows.append([condition, title, *_beside(found, printed_m)])
     return words(f"ATE, mm | | {_PRINTED}", filter(_has_ours, rows))
 
 
