@@ -70,8 +70,9 @@ class ModelReference(Reference):
     keyframe until the next keyframe is chosen, at another place. An odometer without a noise model
     does not know it, and keeps the model.
 
-    An odometer gets a Frame of the whole image; a PyramidOdometer only the levels that it reads,
-    with the normals of the model. Raises InputError for an unknown preset.
+    ahead: the window is before the camera instead of around it. An odometer gets a Frame of the
+    whole image; a PyramidOdometer only the levels that it reads, with the normals of the model.
+    Raises InputError for an unknown preset.
     """
 
     def __init__(
