@@ -250,18 +250,18 @@ def papers_methods(cells: PublishedCells) -> Rows:
     """
     ours = Ours(cells.benchmark(), "paper")
     theirs = replace(ours, programs=AUTHORS)
+    ahead = replace(ours, model="model-ahead")
     rows = []
     for condition, places in _conditions():
         for name in paper_odometers():
             printed_m = [Printed().ate(Where(*place, name)) for place in places]
-            methods = [(name, ours, "")]
+            methods = {name: ours}
             if name in AUTHORS:
-                methods.append((AUTHORS[name], theirs, ""))
+                methods[AUTHORS[name]] = theirs
             if reference_of(name) == "model":
-                methods.append((f"{name}, window ahead", ours, "model-ahead"))
-            for title, of, reference in methods:
-                wheres = [Where(*place, name, reference) for place in places]
-                found = [_with_coverage(of.figures(where)) for where in wheres]
+                methods[f"{name}, window ahead"] = ahead
+            for title, of in methods.items():
+                found = [_with_coverage(of.figures(Where(*place, name))) for place in places]
                 rows.append([condition, title, *_beside(found, printed_m)])
     return words(f"ATE, mm | | {_PRINTED}", filter(_has_ours, rows))
 

@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from iclnuim.benchmark.experiments.recipes.paper.keys import (
+    PAPER_REFERENCES,
     PRESETS,
     all_keys,
     chosen,
     lambertian_keys,
 )
 from iclnuim.benchmark.experiments.table import FORMATS, write_tables
+from iclnuim.benchmark.odometry.references import MODELS, REFERENCES
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import locked, make_folder
@@ -94,8 +96,9 @@ def _add_cells(parser: ArgumentParser) -> None:
         help="number of noise seeds of the noisy sequences; default: 1, the existing sequences",
     )
     help = (
-        "what frames are aligned against: default, frame, keyframe, entropy, model, or paper for "
-        "each odometer's own in the paper; default: see docs/guide/benchmark.md"
+        f"what frames are aligned against: default, {', '.join((*REFERENCES, *MODELS))}, or "
+        f"{PAPER_REFERENCES} for each odometer's own in the paper; default: see "
+        "docs/guide/benchmark.md"
     )
     add("--references", type=_words, default=[], metavar="R,R", help=help)
     help = (

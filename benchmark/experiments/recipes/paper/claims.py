@@ -2,6 +2,7 @@
 false by more than a tenth only; nearer figures decide nothing.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -13,16 +14,24 @@ TOLERANCE = 0.1
 METHOD, ROOM, NOISE = "method", "room", "noise"
 
 
+class MissingFigure(Exception):
+    """A figure without which nothing is decided is missing. figures: those that there are, as text."""
+
+    def __init__(self, figures: str = "") -> None:
+        super().__init__()
+        self.figures = figures
+
+
 @dataclass(frozen=True)
 class Claim:
-    """`smaller` is less than `greater`, in metres. kind: what it compares. smaller_is, greater_is:
-    the figures in words. times: `greater` has to be so many times as large. narrow: the sentence
-    says `narrowly`, so any difference in its direction fulfils it.
+    """`smaller` is less than `greater`, in metres; None if missing. kind: what it compares.
+    smaller_is, greater_is: the figures in words. times: `greater` has to be so many times as large.
+    narrow: the sentence says `narrowly`, so any difference in its direction fulfils it.
     """
 
     kind: str
-    smaller: float
-    greater: float
+    smaller: float | None
+    greater: float | None
     smaller_is: str
     greater_is: str
     times: float = 1.0
@@ -30,12 +39,14 @@ class Claim:
 
     @property
     def margin(self) -> float:
-        """Over 1 if the claim is fulfilled, under 1 if not."""
+        """Over 1 if the claim is fulfilled, under 1 if not, NaN if a figure is missing."""
+        if self.smaller is None or self.greater is None:
+            return math.nan
         return self.greater / (self.times * self.smaller)
 
     @property
     def holds(self) -> bool | None:
-        """Whether it is true; None if the figures are too near to each other."""
+        """Whether it is true; None if the figures are too near to each other, or one is missing."""
         if self.margin > 1 / (1 - TOLERANCE):
             return True
         if self.margin < 1 - TOLERANCE:
@@ -61,10 +72,15 @@ class Answer:
 
 
 def every(claims: Iterable[Claim], figures: str) -> Answer:
-    """All claims hold: turned by the one that does so least."""
+    """All claims hold: turned by the one that does so least. A false one decides whatever others
+    miss. Raises MissingFigure if none is false and one misses a figure.
+    """
     found = list(claims)
-    narrowest = min(found, key=lambda claim: claim.margin)
-    return Answer(all_hold(claim.holds for claim in found), figures, _cause(narrowest))
+    known = [claim for claim in found if not math.isnan(claim.margin)]
+    narrowest = min(known, key=lambda claim: claim.margin, default=None)
+    if narrowest is None or (len(known) < len(found) and narrowest.holds is not False):
+        raise MissingFigure(figures)
+    return Answer(all_hold(claim.holds for claim in known), figures, _cause(narrowest))
 
 
 def any_of(claims: Iterable[Claim], figures: str) -> Answer:
@@ -104,9 +120,14 @@ def _cause(claim: Claim) -> str:
     return claim.words + factor + near
 
 
-def figures_mm(*values_m: float) -> str:
-    """Lengths in mm with three digits, and none after the point from a metre on."""
+def figures_mm(*values_m: float | None) -> str:
+    """Lengths in mm with three digits, and none after the point from a metre on; a dash for a
+    missing one.
+    """
     texts = []
     for value_m in values_m:
-        texts.append(f"{1e3 * value_m:.3g}" if value_m < 1 else f"{1e3 * value_m:.0f}")
+        if value_m is None:
+            texts.append("-")
+        else:
+            texts.append(f"{1e3 * value_m:.3g}" if value_m < 1 else f"{1e3 * value_m:.0f}")
     return ", ".join(texts)

@@ -66,13 +66,15 @@ class Printed:
 
 @dataclass(eq=False)
 class Ours:
-    """The same figures of the measured cells of one preset and one noise seed. programs: odometers
-    -> titles of systems that stand in their place.
+    """The same figures of the measured cells of one preset and one noise seed. model: the reference
+    that stands for the paper's model. programs: odometers -> titles of systems that stand in their
+    place.
     """
 
     results: Sequence[Measured]
     preset: str = "best"
     seed: int = 0
+    model: str = "model"
     programs: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
@@ -87,6 +89,8 @@ class Ours:
             system = system_key(sequence, self.programs[where.odometer], run=1)
             return None if where.reference or seed else self._by_key.get(system)
         reference = where.reference or reference_of(where.odometer)
+        if reference == "model":
+            reference = self.model
         key = PaperKey(*sequence, where.odometer, self.preset, reference, seed)
         return self._by_key.get(key)
 

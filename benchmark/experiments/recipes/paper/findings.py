@@ -10,9 +10,9 @@ from typing import Any
 
 from ...cell import Measured
 from ...table import NOT_MEASURED, ResultTable
-from .claims import TOLERANCE
+from .claims import TOLERANCE, MissingFigure
 from .figures import AUTHORS, Ours, PaperFigures, Printed, paper, seeds_of
-from .rules import RULES, MissingFigure, Void
+from .rules import RULES, Void
 
 HOLDS = "holds"
 FAILS = "does not hold"
@@ -25,11 +25,12 @@ NOISY = range(12, 19)
 
 
 _PLURAL = {HOLDS: "hold", FAILS: "do not hold"}
-#: The methods of a table of verdicts: name of the column -> preset, and programs in their place.
-_METHODS: dict[str, tuple[str, dict[str, str]]] = {
-    "paper": ("paper", {}),
-    "paper, authors' programs": ("paper", AUTHORS),
-    "best": ("best", {}),
+#: The methods of a table of verdicts: name of the column -> the cells, but for their seed.
+_METHODS: dict[str, dict[str, Any]] = {
+    "paper": {"preset": "paper"},
+    "paper, window ahead": {"preset": "paper", "model": "model-ahead"},
+    "paper, authors' programs": {"preset": "paper", "programs": AUTHORS},
+    "best": {"preset": "best"},
 }
 
 
@@ -97,12 +98,13 @@ def _printed_text(number: int) -> str:
 
 def verdicts_by_method(results: Sequence[Measured]) -> dict[str, list[Verdict]]:
     """The verdicts of all findings in their order: of the printed figures, of the preset `paper`,
-    of it with the authors' programs of FOVIS and DVO in their place, and of `best`.
+    of it with the model's window before the camera, of it with the authors' programs of FOVIS and
+    DVO in their place, and of `best`.
     """
     views: dict[str, Sequence[PaperFigures]] = {"printed": [Printed()]}
-    for name, (preset, programs) in _METHODS.items():
-        seeds = [0] if programs else seeds_of(results, preset)
-        views[name] = [Ours(results, preset, seed, programs) for seed in seeds]
+    for name, cells in _METHODS.items():
+        seeds = [0] if "programs" in cells else seeds_of(results, cells["preset"])
+        views[name] = [Ours(results, seed=seed, **cells) for seed in seeds]
     return {name: [verdict_of(some, k) for k in RULES] for name, some in views.items()}
 
 
@@ -130,9 +132,13 @@ def headline(results: Sequence[Measured]) -> list[str]:
     for name, verdicts in list(verdicts_by_method(results).items())[1:]:
         counts = Counter(of.word for of in verdicts)
         words = (HOLDS, FAILS, CLOSE, UNDECIDED, VOID, MISSING)
-        shown = [f"{counts[word]} {_PLURAL.get(word, word)}" for word in words if counts[word]]
+        shown = [_counted(counts[word], word) for word in words if counts[word]]
         sentences.append(f"With {name}, of {len(verdicts)} findings {', '.join(shown)}.")
     return sentences
+
+
+def _counted(count: int, word: str) -> str:
+    return f"{count} {word if count == 1 else _PLURAL.get(word, word)}"
 
 
 def views_of(results: Sequence[Measured], preset: str) -> list[Ours]:

@@ -3,7 +3,7 @@ needs.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
@@ -178,8 +178,12 @@ class Meter:
 
 
 def fuse_settings(key: PaperKey, first: int | None) -> fusion.FuseSettings:
-    """The fusion settings: the volume by the cell's preset, `min_weight` by its noise."""
+    """The fusion settings: the volume by the cell's preset, its window by the cell's reference,
+    `min_weight` by its noise.
+    """
     volume = fusion.PRESETS.get(key.preset, fusion.PRESETS["best"])
+    if key.reference == "model-ahead":
+        volume = replace(volume, ahead=1.0)
     min_weight = _MIN_NOISY_WEIGHT if key.noise == "noisy" else fusion.FuseSettings().min_weight
     return fusion.FuseSettings(volume, min_weight, f":{first or ''}")
 

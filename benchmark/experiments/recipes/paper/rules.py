@@ -5,9 +5,10 @@ of kt0 to kt3), and the comparison on which it turned. No result is coded here.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import TypeAlias
 
 from .claims import (
     METHOD,
@@ -15,6 +16,7 @@ from .claims import (
     ROOM,
     Answer,
     Claim,
+    MissingFigure,
     all_hold,
     any_of,
     every,
@@ -34,14 +36,6 @@ _SIGNIFICANTLY = 2.0
 _EXPLAINED = 2.0
 
 
-class MissingFigure(Exception):
-    """A figure that a rule needs is missing. figures: those that there are, as text."""
-
-    def __init__(self, figures: str = "") -> None:
-        super().__init__()
-        self.figures = figures
-
-
 class Void(Exception):
     """The finding explains another one, which does not hold."""
 
@@ -54,7 +48,9 @@ class FindingRule:
     why: str
 
 
-# -- figures for rules
+# -- figures for rules, in metres; None if missing
+
+Figures: TypeAlias = Sequence[float | None]
 
 
 def _there(value: float | None) -> float:
@@ -63,43 +59,55 @@ def _there(value: float | None) -> float:
     return value
 
 
-def _ate(of: PaperFigures, room: str, kt: str, noise: str, odometer: str) -> float:
-    return _there(of.ate(Where(room, kt, noise, odometer)))
+def _all_there(values: Figures) -> list[float]:
+    return [_there(value) for value in values]
+
+
+def _ate(of: PaperFigures, room: str, kt: str, noise: str, odometer: str) -> float | None:
+    return of.ate(Where(room, kt, noise, odometer))
 
 
 def _ates(
     of: PaperFigures, room: str, noise: str, odometer: str, statistic: str = "rmse"
-) -> list[float]:
-    """ATE of kt0 to kt3 in metres."""
+) -> list[float | None]:
+    """ATE of kt0 to kt3."""
     wheres = [Where(room, kt, noise, odometer) for kt in TRAJECTORIES]
-    return [_there(of.ate(where, statistic)) for where in wheres]
+    return [of.ate(where, statistic) for where in wheres]
 
 
-def _ates_of(of: PaperFigures, room: str, noise: str, odometers: Iterable[str]) -> list[float]:
+def _ates_of(
+    of: PaperFigures, room: str, noise: str, odometers: Iterable[str]
+) -> list[float | None]:
     """ATE of several odometers on kt0 to kt3."""
     return sum((_ates(of, room, noise, name) for name in odometers), [])
 
 
-def _surfaces(of: PaperFigures, noise: str, odometer: str, reference: str = "") -> list[float]:
-    """Mean surface errors of kt0 to kt3 in the living room, in metres."""
+def _surfaces(
+    of: PaperFigures, noise: str, odometer: str, reference: str = ""
+) -> list[float | None]:
+    """Mean surface errors of kt0 to kt3 in the living room."""
     wheres = [Where(LIVING, kt, noise, odometer, reference) for kt in TRAJECTORIES]
-    return [_there(of.surface(where)) for where in wheres]
+    return [of.surface(where) for where in wheres]
 
 
-def _five(of: PaperFigures, room: str, noise: str, kt: str) -> dict[str, float]:
+def _five(of: PaperFigures, room: str, noise: str, kt: str) -> dict[str, float | None]:
     """ATE of the five odometers."""
     return {name: _ate(of, room, kt, noise, name) for name in paper_odometers()}
 
 
 def _first(of: PaperFigures, room: str, noise: str, pick: Callable) -> str:
     """The odometers with the least (min) or greatest (max) ATE on kt0 to kt3, as text."""
-    found = [_five(of, room, noise, kt) for kt in TRAJECTORIES]
-    return ", ".join(pick(errors, key=errors.__getitem__) for errors in found)
+    return ", ".join(_picked(_five(of, room, noise, kt), pick) for kt in TRAJECTORIES)
 
 
-def _mean(values: Sequence[float]) -> float:
-    """Geometric mean, as errors span orders of magnitude."""
-    return math.exp(sum(map(math.log, values)) / len(values))
+def _picked(errors: Mapping[str, float | None], pick: Callable) -> str:
+    """The odometer with the least or greatest error; a dash if an error is missing."""
+    return "-" if None in errors.values() else pick(errors, key=errors.__getitem__)
+
+
+def _mean(values: Figures) -> float:
+    """Geometric mean, as errors span orders of magnitude. Raises MissingFigure if one is missing."""
+    return math.exp(sum(map(math.log, _all_there(values))) / len(values))
 
 
 # -- claims of rules
@@ -111,36 +119,38 @@ def _best_of_five(of: PaperFigures, room: str, noise: str, kt: str, name: str) -
     return [_below(kt, errors, name, other) for other in errors if other != name]
 
 
-def _below(kt: str, errors: dict[str, float], one: str, other: str, narrow: bool = False) -> Claim:
+def _below(
+    kt: str, errors: dict[str, float | None], one: str, other: str, narrow: bool = False
+) -> Claim:
     words = (f"{one} on {kt}", f"{other} on {kt}")
     return Claim(METHOD, errors[one], errors[other], *words, narrow=narrow)
 
 
-def _greatest(values: Sequence[float], k: int, what: str, times: float = 1.0) -> list[Claim]:
+def _greatest(values: Figures, k: int, what: str, times: float = 1.0) -> list[Claim]:
     """The figure of sequence k is greater than those of the other three, by a factor `times`."""
     others = [j for j in range(len(values)) if j != k]
     return [_less_on(values, j, k, what, times) for j in others]
 
 
-def _least(values: Sequence[float], k: int, what: str) -> list[Claim]:
+def _least(values: Figures, k: int, what: str) -> list[Claim]:
     others = [j for j in range(len(values)) if j != k]
     return [_less_on(values, k, j, what) for j in others]
 
 
-def _less_on(values: Sequence[float], j: int, k: int, what: str, times: float = 1.0) -> Claim:
+def _less_on(values: Figures, j: int, k: int, what: str, times: float = 1.0) -> Claim:
     words = (f"{what} on {TRAJECTORIES[j]}", f"on {TRAJECTORIES[k]}")
     return Claim(ROOM, values[j], values[k], *words, times=times)
 
 
-def _grows(clean: float, noisy: float, what: str, times: float = 1.0) -> Claim:
+def _grows(clean: float | None, noisy: float | None, what: str, times: float = 1.0) -> Claim:
     return Claim(NOISE, clean, noisy, f"{what} clean", "noisy", times=times)
 
 
-def _falls(clean: float, noisy: float, what: str) -> Claim:
+def _falls(clean: float | None, noisy: float | None, what: str) -> Claim:
     return Claim(NOISE, noisy, clean, f"{what} noisy", "clean")
 
 
-def _all_but_kt0(clean: Sequence[float], noisy: Sequence[float], what: str) -> list[Claim]:
+def _all_but_kt0(clean: Figures, noisy: Figures, what: str) -> list[Claim]:
     """Noise increases the error on all sequences but the first, where chance decides."""
     claims = []
     for kt, without, with_noise in list(zip(TRAJECTORIES, clean, noisy, strict=True))[1:]:
@@ -160,7 +170,7 @@ def _kt2_best_kt0_worst(of: PaperFigures) -> Answer:
 def _nearer_but_rougher(of: PaperFigures) -> Answer:
     ate = {name: _ate(of, LIVING, "kt0", "clean", name) for name in ("dvo", "icp")}
     wheres = {name: Where(LIVING, "kt0", "clean", name) for name in ("dvo", "icp")}
-    surface = {name: _there(of.surface(where)) for name, where in wheres.items()}
+    surface = {name: of.surface(where) for name, where in wheres.items()}
     text = (
         f"kt0, dvo and icp: ATE {figures_mm(*ate.values())}, "
         f"surface {figures_mm(*surface.values())}"
@@ -233,8 +243,8 @@ def _clear_pairs(of: PaperFigures, kt: str, noise: str) -> list[bool]:
 
 
 def _the_model_helps_dvo(of: PaperFigures) -> Answer:
-    without = _surfaces(of, "clean", "dvo", "default")
-    against = _surfaces(of, "clean", "dvo", "model")
+    without = _all_there(_surfaces(of, "clean", "dvo", "default"))
+    against = _all_there(_surfaces(of, "clean", "dvo", "model"))
     claims = []
     for kt, better, worse in zip(TRAJECTORIES, against, without, strict=True):
         words = (f"dvo's surface on {kt} with the model", "without")
@@ -284,7 +294,7 @@ def _photometric_worse(of: PaperFigures, room: str, times: float = 1.0) -> Answe
 def _icp_slides_on_kt0(of: PaperFigures) -> Answer:
     ate = _ates(of, LIVING, "clean", "icp")
     answer = every(_greatest(ate, 0, "icp"), f"icp's ATE {figures_mm(*ate)}")
-    if isinstance(of, Printed):
+    if isinstance(of, Printed) or answer.holds is False:
         return answer
     wheres = [Where(LIVING, kt, "clean", "icp") for kt in TRAJECTORIES]
     shares = [_there(of.degenerate(where)) for where in wheres]
@@ -326,7 +336,8 @@ def _noise_costs_surface(of: PaperFigures) -> Answer:
     clean = _surfaces(of, "clean", "icp")
     noisy = _surfaces(of, "noisy", "icp")
     text = f"icp's surfaces {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy"
-    return every([_grows(sum(clean), sum(noisy), "sum of icp's surfaces")], text)
+    claim = _grows(sum(_all_there(clean)), sum(_all_there(noisy)), "sum of icp's surfaces")
+    return every([claim], text)
 
 
 def _icp_best_surfaces(of: PaperFigures) -> Answer:
@@ -334,9 +345,8 @@ def _icp_best_surfaces(of: PaperFigures) -> Answer:
     noisy = _surfaces(of, "noisy", "icp")
     text = f"icp's surfaces {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy"
     claims = _all_but_kt0(clean, noisy, "icp's surface")
-    grown = every(claims, text)
-    if isinstance(of, Printed) or grown.holds is False:
-        return grown  # the paper prints no noisy surfaces of the other odometers
+    if isinstance(of, Printed):
+        return every(claims, text)  # the paper prints no noisy surfaces of the other odometers
     for name in paper_odometers():
         if name != "icp":
             theirs = _surfaces(of, "noisy", name)
@@ -366,7 +376,7 @@ def _noise_may_help(of: PaperFigures) -> Answer:
     for name in (*family("photometric"), "fovis"):
         claims = []
         for room in (LIVING, OFFICE):
-            both = [_ates(of, room, noise, name) for noise in NOISES]
+            both = [_all_there(_ates(of, room, noise, name)) for noise in NOISES]
             for kt, clean, noisy in zip(TRAJECTORIES, *both, strict=True):
                 words = f"{name} on {room.replace('_', ' ')} {kt}"
                 claims.append(_falls(clean, noisy, words))
@@ -392,7 +402,7 @@ def _office_noisy(of: PaperFigures) -> Answer:
     claims += _best_of_five(of, OFFICE, "noisy", "kt3", "icp_rgbd")
     text = (
         f"icp {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy; "
-        f"kt1: dvo {figures_mm(kt1['dvo'])}; least ATE on kt3: {min(kt3, key=kt3.__getitem__)}"
+        f"kt1: dvo {figures_mm(kt1['dvo'])}; least ATE on kt3: {_picked(kt3, min)}"
     )
     return every(claims, text)
 
