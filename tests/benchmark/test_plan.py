@@ -1,13 +1,18 @@
-"""How long cells are expected to take, beside what the shipped ones took."""
+"""What measuring a cell needs: its volume, and how long it is expected to take, beside what the shipped
+ones took.
+"""
 
 from collections import defaultdict
+from dataclasses import replace
 from statistics import mean
 
 import pytest
 from iclnuim.benchmark.experiments.recipes.paper.keys import (
     PAPER_REFERENCES,
+    PaperKey,
     all_keys,
     core_seconds,
+    fuse_settings,
 )
 from iclnuim.benchmark.odometry.registry import ODOMETERS
 from iclnuim.tools import measured
@@ -25,7 +30,7 @@ def test_no_odometer_takes_twice_as_long_as_expected_or_the_slowest_half(cells):
         times = found.figures.get("times", {})
         if "track_s" in times:
             expected_s = found.figures["frames"] * core_seconds(found.key, True, surface=False)
-            kind = (found.key.preset, found.key.reference == "model")
+            kind = (found.key.preset, found.key.against_model)
             took[kind][found.key.odometer].append(times["track_s"] / expected_s)
     for of_odometers in took.values():
         slowest = max(map(mean, of_odometers.values()))
@@ -49,3 +54,10 @@ def test_the_papers_references_are_one_for_each_odometer():
     }
     both = all_keys(["paper"], references=[PAPER_REFERENCES, "frame"])
     assert len(both) == 2 * len(keys) and len(set(both)) == len(both)
+
+
+def test_a_surface_is_fused_in_the_window_that_the_frames_were_tracked_in():
+    key = PaperKey("living_room", "kt0", "clean", "icp", "paper", "model")
+    around, ahead = fuse_settings(key, 9), fuse_settings(replace(key, reference="model-ahead"), 9)
+    assert (around.volume.ahead, ahead.volume.ahead) == (0.0, 1.0)
+    assert replace(ahead.volume, ahead=0.0) == around.volume
