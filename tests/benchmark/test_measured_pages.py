@@ -129,6 +129,23 @@ def test_authors_programs_stand_below_their_methods_and_lost_frames_beside_the_e
     assert {row[4] for row in rows} == {"not measured"}
 
 
+def test_a_surface_of_a_model_with_its_window_ahead_has_a_row_and_others_have_none_twice():
+    place = ("living_room", "kt1", "clean")
+    found = [
+        result(PaperKey(*place, "dvo", "paper", "default"), 0.03, 0.004),
+        result(PaperKey(*place, "icp", "paper", "model"), 0.02, 0.002),
+        result(PaperKey(*place, "icp", "paper", "model-ahead"), 0.01, 0.001),
+    ]
+    cells = PublishedCells()
+    cells.add([replace(r, identity={"input": "a"}) for r in found], KIND, MEASURED_RUN)
+    rows = DRAWN["benchmark-surfaces"](cells)[1:]
+    assert [(row[1], row[4]) for row in rows] == [
+        ("dvo, paper", "4"),
+        ("icp, paper", "2"),
+        ("icp, paper, window ahead", "1"),
+    ]
+
+
 def test_a_first_failure_names_the_higher_severities_without_one():
     key = StressKey("office/kt1", 80, "holes", 0, "icp")
     found = []

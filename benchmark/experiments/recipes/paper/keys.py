@@ -131,14 +131,16 @@ def chosen(keys: Iterable[PaperKey], only: str | None) -> list[PaperKey]:
 
 # -- what measuring a cell needs
 
-#: Core-seconds of a frame that is tracked, by preset and whether it is aligned with a model, and of
-#: one that is fused and compared: the largest mean of an odometer over the shipped cells
-#: (tests/benchmark/test_plan.py); of `paper` with a model, one sequence.
+#: Core-seconds of a frame that is tracked, by preset and the model that it is aligned with, if any,
+#: and of one that is fused and compared: the largest mean of an odometer over the shipped cells
+#: (tests/benchmark/test_plan.py).
 _TRACK_CORE_S = {
-    ("best", False): 0.04,
-    ("best", True): 0.14,
-    ("paper", False): 0.14,
-    ("paper", True): 1.05,
+    ("best", ""): 0.04,
+    ("best", "model"): 0.14,
+    ("best", "model-ahead"): 0.14,
+    ("paper", ""): 0.14,
+    ("paper", "model"): 1.0,
+    ("paper", "model-ahead"): 1.4,
 }
 _FUSE_CORE_S = 0.19
 #: Minimum weight of a voxel for the mesh of a noisy sequence: its surface must be seen by this many
@@ -192,5 +194,6 @@ def core_seconds(key: PaperKey, tracks: bool, surface: bool) -> float:
     """Expected core-seconds of a frame of a cell. tracks: its trajectory is estimated; surface: it is
     fused and compared.
     """
-    track_s = 0.0 if key.external else _TRACK_CORE_S[key.preset, key.against_model]
+    model = key.reference if key.against_model else ""
+    track_s = 0.0 if key.external else _TRACK_CORE_S[key.preset, model]
     return tracks * track_s + surface * _FUSE_CORE_S
