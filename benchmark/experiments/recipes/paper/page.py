@@ -40,6 +40,8 @@ from .tables import BRIEF_COLUMNS, CELL_COLUMNS, all_tables, cell_row, cells_tab
 _PICTURES = 52_000_000
 #: So many cells fit a screen.
 _SCREEN = 40
+#: The columns of the findings beside so few cells.
+_BRIEF_FINDINGS = ("no.", "verdict", "cause")
 _HEAT_TEXT = f"logarithmic: {HEAT_MM[0]:g} mm or less (blue) to {HEAT_MM[1]:g} mm or more (red)"
 
 
@@ -53,11 +55,14 @@ def tables_of(results: Sequence[Measured]) -> list[ResultTable]:
 
 
 def text_of(tables: Sequence[ResultTable]) -> str:
-    """The tables with a figure of ours; of few cells, these instead of the paper's tables."""
+    """The tables with a figure of ours; of few cells, these and the verdicts that they allow, in
+    brief, instead of the paper's tables.
+    """
     *shown, cells = tables
     if len(cells.rows) <= _SCREEN:
         found = [table for table in shown if table.name.startswith("findings")]
-        shown = [cells.varying(BRIEF_COLUMNS), *found]
+        brief = [table.varying(_BRIEF_FINDINGS) for table in found]
+        shown = [cells.varying(BRIEF_COLUMNS), *brief]
     with_rows = [table.text() for table in shown if table.rows and has_ours(table)]
     undecided = [table.notes[-1] for table in shown if table.notes and not table.rows]
     return "\n\n".join([*with_rows, *undecided])
