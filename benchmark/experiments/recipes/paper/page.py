@@ -41,7 +41,7 @@ _PICTURES = 52_000_000
 #: So many cells fit a screen.
 _SCREEN = 40
 #: The columns of the findings beside so few cells.
-_BRIEF_FINDINGS = ("no.", "verdict", "cause")
+_BRIEF_FINDINGS = ("no.", "verdict")
 _HEAT_TEXT = f"logarithmic: {HEAT_MM[0]:g} mm or less (blue) to {HEAT_MM[1]:g} mm or more (red)"
 
 
@@ -59,11 +59,12 @@ def text_of(tables: Sequence[ResultTable]) -> str:
     brief, instead of the paper's tables.
     """
     *shown, cells = tables
-    if len(cells.rows) <= _SCREEN:
+    few = len(cells.rows) <= _SCREEN
+    if few:
         found = [table for table in shown if table.name.startswith("findings")]
         brief = [table.varying(_BRIEF_FINDINGS) for table in found]
         shown = [cells.varying(BRIEF_COLUMNS), *brief]
-    with_rows = [table.text() for table in shown if table.rows and has_ours(table)]
+    with_rows = [table.text() for table in shown if table.rows and (few or has_ours(table))]
     undecided = [table.notes[-1] for table in shown if table.notes and not table.rows]
     return "\n\n".join([*with_rows, *undecided])
 
